@@ -1,0 +1,94 @@
+"""The one table of structs that Python and the kernels share (after Cycles' data_template.h).
+
+Each struct is declared once here; the C declaration that kernels see is made from it, and
+``verify`` runs a kernel that reports sizes and offsets as the device compiled them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+_C_TYPES = {"double": np.float64, "float": np.float32, "uint": np.uint32, "ulong": np.uint64, "int": np.int32}
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A C struct and its numpy twin.
+
+    Attributes
+    ----------
+    name : str
+        The typedef's name in C.
+    members : tuple of (C type, member name, array length)
+        Length 1 is a plain member. Doubles come first so that no padding is needed.
+    """
+
+    name: str
+    members: tuple[tuple[str, str, int], ...]
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The aligned numpy dtype of the struct."""
+        fields = [
+            (name, _C_TYPES[ctype]) if count == 1 else (name, _C_TYPES[ctype], (count,))
+            for ctype, name, count in self.members
+        ]
+        return np.dtype(fields, align=True)
+
+    def declaration(self) -> str:
+        """C source of the typedef."""
+        lines = [
+            f"    {ctype} {name}{'' if count == 1 else f'[{count}]'};" for ctype, name, count in self.members
+        ]
+        return "typedef struct {\n" + "\n".join(lines) + f"\n}} {self.name};\n"
+
+    def pack(self, **values: npt.ArrayLike) -> npt.NDArray[np.void]:
+        """One record with every member given by name.
+
+        Raises
+        ------
+        KeyError
+            If a member is missing or unknown.
+        """
+        record = np.zeros((), self.dtype)
+        if set(values) != {name for _, name, _ in self.members}:
+            raise KeyError(f"{self.name}: members {sorted(values)} do not match the table")
+        for name, value in values.items():
+            record[name] = value
+        return record
+
+
+GRID = Struct(
+    "GridParams",
+    (
+        # Planes of axis a: lower[a] + k * cell_size[a], k = 0..resolution[a] (local units).
+        ("double", "lower", 3),
+        ("double", "upper", 3),
+        ("double", "cell_size", 3),
+        # The float32 twins that rasterise bounding boxes; see docs/numerics.md.
+        ("float", "lower_f", 3),
+        ("float", "cells_per_unit", 3),
+        ("uint", "resolution", 3),
+        ("uint", "triangle_count", 1),
+    ),
+)
+
+FRAME = Struct(
+    "FrameParams",
+    (
+        # local = (scene - offset) * 2^exponent
+        ("double", "offset", 3),
+        ("double", "scale", 1),
+        ("double", "inverse_scale", 1),
+    ),
+)
+
+ALL = (GRID, FRAME)
+
+
+def declarations() -> str:
+    """C source of every shared struct."""
+    return "".join(struct.declaration() for struct in ALL)
