@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from clgrid.errors import MeshError
 
 FloatArray = npt.NDArray[np.float32] | npt.NDArray[np.float64]
+
+MAX_COUNT = 2**32 - 2
+"""Most triangles or vertices a mesh may have: 0xffffffff is kept free as "none" in 32-bit indices."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,13 @@ class Mesh:
     Attributes
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in scene units, all finite. Doubles are kept where the source has them.
+        Positions in scene units, finite wherever a triangle uses them. Doubles are kept where the source
+        has them.
     faces : (F, 3) uint32
-        Vertex indices of each triangle, each below ``V``.
+        Vertex indices of each triangle, each below ``V``. ``F`` may be 0.
     vertex_normals : (V, 3) float32 or None
-        Shading normals, where the file has them; not necessarily of unit length.
+        Shading normals, where the file has them; not necessarily of unit length. A zero row means that this
+        vertex has none: shade it with the normal of the triangle.
     geometry_starts : (G + 1,) int64
         Triangle ``f`` belongs to geometry ``g`` with
         ``geometry_starts[g] <= f < geometry_starts[g + 1]``.
@@ -35,6 +40,11 @@ class Mesh:
         Where the mesh came from, for messages and records.
     warnings : tuple of str
         What the loader changed or left out, one line each.
+
+    Raises
+    ------
+    MeshError
+        On creation, if `validate` refuses the arrays.
     """
 
     vertices: FloatArray
@@ -60,18 +70,28 @@ class Mesh:
     def nbytes(self) -> int:
         """Bytes of all arrays."""
         normals = 0 if self.vertex_normals is None else self.vertex_normals.nbytes
-        return self.vertices.nbytes + self.faces.nbytes + normals
+        return self.vertices.nbytes + self.faces.nbytes + self.geometry_starts.nbytes + normals
 
-    @property
+    @cached_property
     def bounds(self) -> npt.NDArray[np.float64]:
-        """(2, 3) float64: lowest and highest corner; of the vertices that a triangle uses.
+        """(2, 3) float64, read-only: lowest and highest corner of the vertices that a triangle uses.
+
+        Computed once: the arrays of a mesh are not to be changed.
 
         Raises
         ------
         MeshError
             If the mesh has no triangle.
         """
-        raise NotImplementedError
+        if not self.triangle_count:
+            raise MeshError(
+                f"{self.source}: no triangles, so no bounds; give a mesh with at least one triangle"
+            )
+        used = used_vertices(self)
+        corners = self.vertices if used.all() else self.vertices[used]
+        bounds = np.stack([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
+        bounds.setflags(write=False)
+        return bounds
 
     def geometry_ids(self, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Geometry of each triangle id; -1 stays -1.
@@ -80,21 +100,146 @@ class Mesh:
         ----------
         primitive_ids : (...) int64
             Triangle ids, -1 for a miss.
+
+        Returns
+        -------
+        (...) int64
+            Index into `geometry_names`, or -1.
         """
         found = np.searchsorted(self.geometry_starts, primitive_ids, side="right") - 1
         return np.where(primitive_ids < 0, -1, found).astype(np.int64)
 
 
+def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """(V,) bool: whether any triangle uses the vertex."""
+    used = np.zeros(len(mesh.vertices), np.bool_)
+    used[mesh.faces.reshape(-1)] = True
+    return used
+
+
 def validate(mesh: Mesh) -> None:
-    """Raise MeshError unless shapes, dtypes, finiteness and index ranges are as documented."""
-    raise MeshError("not written yet")
+    """Raise MeshError unless shapes, dtypes, finiteness and index ranges are as documented.
+
+    Vertices that no triangle uses may be NaN or infinite; a mesh without triangles is valid.
+
+    Raises
+    ------
+    MeshError
+        One line: what is wrong, where (source, geometry, index) and what to do about it.
+    """
+    _validate_layout(mesh)
+    _validate_geometries(mesh)
+    _validate_indices(mesh)
+    _validate_finite(mesh)
 
 
 def load(path: str | Path) -> Mesh:
-    """Read a mesh file (PLY, OBJ, STL, OFF, GLB, glTF; each also gzipped) without changing it."""
+    """Read a mesh file (PLY, OBJ, STL, OFF, GLB, glTF; each also gzipped) without changing it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its suffix names the format.
+
+    Returns
+    -------
+    Mesh
+        Triangles in the order of the file. `Mesh.warnings` says what was left out; a file without triangles
+        gives a mesh without triangles and a warning.
+
+    Raises
+    ------
+    MeshError
+        If the file is missing, malformed, truncated, or of an unknown format.
+    """
     from clgrid.meshfile import read
 
     return read(Path(path))
 
 
-__all__ = ["Mesh", "load", "validate", "Any"]
+def _validate_layout(mesh: Mesh) -> None:
+    """Refuse arrays of another shape or dtype, or with more rows than 32-bit indices can name."""
+    _require_rows(mesh, "vertices", mesh.vertices, ("float32", "float64"))
+    _require_rows(mesh, "faces", mesh.faces, ("uint32",))
+    if mesh.vertex_normals is not None:
+        _require_rows(mesh, "vertex_normals", mesh.vertex_normals, ("float32",))
+        if len(mesh.vertex_normals) != len(mesh.vertices):
+            raise MeshError(
+                f"{mesh.source}: {len(mesh.vertex_normals)} vertex normals for {len(mesh.vertices)} vertices; "
+                "give one normal a vertex or none"
+            )
+
+
+def _require_rows(mesh: Mesh, name: str, array: object, dtypes: tuple[str, ...]) -> None:
+    if not isinstance(array, np.ndarray):
+        raise MeshError(f"{mesh.source}: {name} is a {type(array).__name__}; give a numpy array")
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype not in dtypes:
+        raise MeshError(
+            f"{mesh.source}: {name} has shape {array.shape} and dtype {array.dtype}; "
+            f"give shape (N, 3) and dtype {' or '.join(dtypes)}"
+        )
+    if not array.dtype.isnative or not array.flags.c_contiguous:
+        raise MeshError(
+            f"{mesh.source}: {name} is strided or byte-swapped; pass it through numpy.require(.., 'C')"
+        )
+    if len(array) > MAX_COUNT:
+        raise MeshError(f"{mesh.source}: {len(array)} {name}, at most {MAX_COUNT} fit; split the mesh")
+
+
+def _validate_geometries(mesh: Mesh) -> None:
+    """Refuse geometry ranges that are not an ascending partition of the triangles."""
+    starts, names = mesh.geometry_starts, mesh.geometry_names
+    if starts.ndim != 1 or starts.dtype != np.int64 or len(starts) != len(names) + 1:
+        raise MeshError(
+            f"{mesh.source}: geometry_starts has shape {starts.shape} and dtype {starts.dtype}; "
+            f"give int64 and one entry more than the {len(names)} names"
+        )
+    if starts[0] != 0 or starts[-1] != mesh.triangle_count or (np.diff(starts) < 0).any():
+        raise MeshError(
+            f"{mesh.source}: geometry_starts does not ascend from 0 to the {mesh.triangle_count} triangles; "
+            "give the first triangle of each geometry, then the number of triangles"
+        )
+
+
+def _validate_indices(mesh: Mesh) -> None:
+    """Refuse triangles that name a vertex which is not there."""
+    if not mesh.triangle_count or int(mesh.faces.max()) < len(mesh.vertices):
+        return
+    bad = np.flatnonzero((mesh.faces >= len(mesh.vertices)).any(axis=1))
+    row = mesh.faces[bad[0]]
+    raise MeshError(
+        f"{mesh.source}: {len(bad)} of {mesh.triangle_count} triangles name a missing vertex, first triangle "
+        f"{bad[0]}{_geometry_of(mesh, int(bad[0]))}: vertex {row.max()} of {len(mesh.vertices)}; "
+        "repair or re-export the mesh"
+    )
+
+
+def _validate_finite(mesh: Mesh) -> None:
+    """Refuse NaN and infinite coordinates of vertices that a triangle uses."""
+    # minimum and maximum carry NaN along and need no temporary array: the usual, finite mesh pays one pass
+    if not mesh.vertices.size or (np.isfinite(mesh.vertices.min()) and np.isfinite(mesh.vertices.max())):
+        return
+    bad = np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1) & used_vertices(mesh))
+    if len(bad) == 0:
+        return
+    triangle = int(np.flatnonzero((mesh.faces == bad[0]).any(axis=1))[0])
+    raise MeshError(
+        f"{mesh.source}: {len(bad)} vertices in use are NaN or infinite, first vertex {bad[0]} "
+        f"{_row_text(mesh.vertices[bad[0]])} of triangle {triangle}{_geometry_of(mesh, triangle)}; "
+        "remove them or their triangles"
+    )
+
+
+def _row_text(row: FloatArray) -> str:
+    return "(" + ", ".join(f"{float(value):g}" for value in row) + ")"
+
+
+def _geometry_of(mesh: Mesh, triangle: int) -> str:
+    """Return `` of geometry NAME`` where there is more than one to choose from."""
+    if len(mesh.geometry_names) < 2:
+        return ""
+    geometry = int(mesh.geometry_ids(np.array([triangle], np.int64))[0])
+    return f" of geometry {geometry} {mesh.geometry_names[geometry]!r}"
+
+
+__all__ = ["MAX_COUNT", "FloatArray", "Mesh", "load", "used_vertices", "validate"]
