@@ -2,38 +2,275 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import logging
+import os
+import re
+import threading
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pyopencl as cl
+import numpy as np
 
-from clgrid import structs
+from clgrid import cache, registration, structs
 from clgrid.device import Device
+from clgrid.errors import DeviceError
+
+log = logging.getLogger(__name__)
+
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.MULTILINE)
+_ERROR = re.compile(r"^(?:error: )?(?P<where>[^\s:]*:\d+:\d+:)? ?(?:fatal )?error: .*$", re.MULTILINE)
+
+_lock = threading.RLock()
+_programs: dict[_Key, Any] = {}
+_builds: list[Build] = []
+_checked: set[Device] = set()
+_local = threading.local()
 
 
+@dataclass(frozen=True)
+class _Key:
+    device: Device
+    file: str
+    digest: str
+    options: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Build:
+    """One variant of a program, built in this process.
+
+    Attributes
+    ----------
+    device : Device
+        Where it was built.
+    file : str
+        The .cl file.
+    options : tuple of str
+        The ``-D`` options compiled in.
+    seconds : float
+        What the first build took, from the driver's or pyopencl's disk cache or not.
+    """
+
+    device: Device
+    file: str
+    options: tuple[str, ...]
+    seconds: float
+
+
+@functools.cache
 def source_folder() -> Path:
     """Folder of the .cl and .h files: clgrid/cl when installed, the checkout's cl/ when editable."""
     inside = Path(__file__).parent / "cl"
     return inside if inside.is_dir() else Path(__file__).parent.parent / "cl"
 
 
-_kernels: dict[Any, Any] = {}
-_programs: dict[Any, Any] = {}
+def kernel(device: Device, file: str, name: str, **defines: bool | int | str) -> Any:
+    """The kernel ``name`` of ``file``, built with ``-Dkey=value`` options.
+
+    Each variant is built once a process. The kernel object is kept per thread: setting the arguments of
+    one kernel from two threads is a race.
+
+    Parameters
+    ----------
+    device : Device
+        Where to build.
+    file, name : str
+        File name in ``source_folder()`` and the kernel in it.
+    **defines : bool, int or str
+        Macros: booleans become 1 and 0, strings are written as they are.
+
+    Raises
+    ------
+    DeviceError
+        If the device cannot build kernels at all, the file does not compile (with the compiler's first
+        error) or has no such kernel.
+    """
+    kernels: dict[tuple[_Key, str], Any] = _local.__dict__.setdefault("kernels", {})
+    key = _Key(device, file, _digest(file), _options(defines))
+    if (key, name) not in kernels:
+        with _lock:
+            _prepare(device)
+            kernels[key, name] = _kernel_of(key, name)
+    return kernels[key, name]
 
 
-def kernel(device: Device, file: str, name: str, **defines: int | str) -> Any:
-    """The kernel ``name`` of ``file`` built with ``-Dkey=value`` options; built once a process."""
-    key = (device, file, tuple(sorted(defines.items())))
+def compile_seconds(device: Device) -> float:
+    """Seconds that first builds of programs took on ``device`` in this process."""
+    with _lock:
+        return sum(build.seconds for build in _builds if build.device is device)
+
+
+def builds(device: Device) -> list[Build]:
+    """The variants built on ``device`` in this process, in order."""
+    with _lock:
+        return [build for build in _builds if build.device is device]
+
+
+def check_structs(device: Device, table: Sequence[structs.Struct] = ()) -> None:
+    """Assert on the device that the structs of the table are laid out as numpy lays them out.
+
+    Raises
+    ------
+    DeviceError
+        Naming the first size or offset that differs.
+    """
+    expected = structs.layout(table)
+    with _lock:
+        device.require_usable()
+        program = _compile(device, "check_structs.cl", (), structs.declarations(table))
+        check = registration.opencl().Kernel(program, "check_structs")
+        found = _run_check(device, check, len(expected))
+    for (what, size), reported in zip(expected, found, strict=True):
+        if size != reported:
+            raise DeviceError(
+                f"{device.label}: {what} is {reported} bytes on the device and {size} in numpy; "
+                "reorder the struct's members in clgrid/structs.py"
+            )
+
+
+def _run_check(device: Device, check: Any, count: int) -> list[int]:
+    cl = registration.opencl()
+    found = np.zeros(count, np.uint32)
+    buffer = cl.Buffer(device.context, cl.mem_flags.WRITE_ONLY, found.nbytes)
+    check(device.queue, (1,), (1,), buffer)
+    cl.enqueue_copy(device.queue, found, buffer)
+    return [int(value) for value in found]
+
+
+def _prepare(device: Device) -> None:
+    """Before a device's first build: it can build, and it lays structs out as numpy does.
+
+    The second is remembered on disk per driver and struct table.
+    """
+    device.require_usable()
+    if device in _checked:
+        return
+    facts = device.description
+    source = (source_folder() / "check_structs.cl").read_text(encoding="utf-8")
+    name = "structs-" + cache.key(
+        facts.platform_version, facts.name, facts.driver_version, structs.declarations(), source
+    )
+    if cache.load(name) is None:
+        check_structs(device)
+        cache.store(name, {"driver": facts.driver_version})
+    _checked.add(device)
+
+
+def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
+    """``-D`` options in a fixed order.
+
+    Raises
+    ------
+    ValueError
+        If a value would not survive an option string.
+    """
+    options = []
+    for macro, value in sorted(defines.items()):
+        text = str(int(value)) if isinstance(value, int) else value
+        if not macro.isidentifier() or re.search(r"[\s\"'\\]", text):
+            raise ValueError(f"-D{macro}={text!r} is not a macro that every OpenCL compiler takes")
+        options.append(f"-D{macro}={text}")
+    return tuple(options)
+
+
+@functools.cache
+def _digest(file: str) -> str:
+    """Digest of ``file`` and every file that it includes, directly or not."""
+    digest = hashlib.sha256()
+    for path in _reachable(source_folder() / file):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _reachable(path: Path) -> list[Path]:
+    """``path`` and the files it includes, each once, in order of first mention.
+
+    Raises
+    ------
+    DeviceError
+        If the file is not part of the package.
+    """
+    found: list[Path] = []
+    waiting = [path]
+    while waiting:
+        current = waiting.pop(0)
+        if current in found:
+            continue
+        if not current.is_file():
+            raise DeviceError(f"kernel source {current} is missing: reinstall clgrid")
+        found.append(current)
+        waiting += [source_folder() / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
+    return found
+
+
+def _kernel_of(key: _Key, name: str) -> Any:
+    """The kernel, rebuilt under another cache key where the driver's cache lost it."""
+    cl = registration.opencl()
     if key not in _programs:
-        folder = source_folder()
-        digest = hashlib.sha256()
-        for path in sorted(folder.iterdir()):
-            digest.update(path.read_bytes())
-        options = ["-I", str(folder), f"-DCLG_SOURCE_HASH={digest.hexdigest()[:16]}"]
-        options += [f"-D{k}={v}" for k, v in sorted(defines.items())]
-        source = structs.declarations() + (folder / file).read_text()
-        _programs[key] = cl.Program(device.context, source).build(options)
-    if (key, name) not in _kernels:
-        _kernels[key, name] = cl.Kernel(_programs[key], name)
-    return _kernels[key, name]
+        start = time.perf_counter()
+        _programs[key] = _compile(key.device, key.file, key.options, structs.declarations())
+        _builds.append(Build(key.device, key.file, key.options, time.perf_counter() - start))
+    try:
+        return cl.Kernel(_programs[key], name)
+    except cl.LogicError as error:
+        if "INVALID_KERNEL_NAME" not in str(error) or not key.device.description.is_pocl:
+            raise DeviceError(f"{key.file} has no kernel {name} on {key.device.label}: {error}") from error
+    # A PoCL that aborted while it built this program left an entry without kernels in its cache. Another
+    # source text is another entry.
+    salt = f"\ntypedef int clg_again_{os.getpid()}_{time.time_ns()};\n"
+    program = _compile(key.device, key.file, key.options, structs.declarations() + salt)
+    try:
+        found = cl.Kernel(program, name)
+    except cl.LogicError as error:
+        raise DeviceError(f"{key.file} has no kernel {name} on {key.device.label}: {error}") from error
+    log.warning("PoCL's kernel cache is damaged by an earlier crash: delete the folder %s", pocl_cache())
+    _programs[key] = program
+    return found
+
+
+def pocl_cache() -> Path:
+    """The folder where PoCL keeps compiled kernels."""
+    own = os.environ.get("POCL_CACHE_DIR")
+    if own:
+        return Path(own)
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path("~/.cache").expanduser()) / "pocl" / "kcache"
+
+
+def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -> Any:
+    """Build ``file`` behind ``prologue``, its errors reported with the file's own line numbers.
+
+    Raises
+    ------
+    DeviceError
+        With the compiler's first error.
+    """
+    cl = registration.opencl()
+    folder = str(source_folder())
+    text = (source_folder() / file).read_text(encoding="utf-8")
+    source = f'{prologue}#line 1 "{file}"\n{text}'
+    include = f'"{folder}"' if " " in folder else folder
+    arguments = ["-I", include, f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
+    with warnings.catch_warnings():
+        # Intel's compiler says that it started and finished, which pyopencl takes for a warning.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        try:
+            return cl.Program(device.context, source).build(arguments)
+        except cl.Error as error:
+            what = _first_error(str(error))
+            raise DeviceError(f"{file} does not compile on {device.label}: {what}") from error
+
+
+def _first_error(message: str) -> str:
+    """The compiler's first error line in pyopencl's long message."""
+    found = _ERROR.search(message)
+    if found:
+        return found.group().strip()
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    return lines[0] if lines else "no message"

@@ -1,11 +1,12 @@
 """The one table of structs that Python and the kernels share (after Cycles' data_template.h).
 
-Each struct is declared once here; the C declaration that kernels see is made from it, and
-``verify`` runs a kernel that reports sizes and offsets as the device compiled them.
+Each struct is declared once here; the C declarations that kernels see are made from it. That sizes and
+offsets are the same on both sides is asserted on the device by ``program.check_structs``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +90,27 @@ FRAME = Struct(
 ALL = (GRID, FRAME)
 
 
-def declarations() -> str:
-    """C source of every shared struct."""
-    return "".join(struct.declaration() for struct in ALL)
+def declarations(structs: Sequence[Struct] = ()) -> str:
+    """C source of the shared structs, and of the list ``CLG_STRUCTS`` that ``check_structs.cl`` expands.
+
+    Parameters
+    ----------
+    structs : sequence of Struct
+        Instead of the whole table.
+    """
+    table = structs or ALL
+    lines = [
+        f"    SIZE({s.name}) " + " ".join(f"OFFSET({s.name}, {m})" for _, m, _ in s.members) for s in table
+    ]
+    listing = "#define CLG_STRUCTS(SIZE, OFFSET) \\\n" + " \\\n".join(lines) + "\n"
+    return "".join(struct.declaration() for struct in table) + listing
+
+
+def layout(structs: Sequence[Struct] = ()) -> list[tuple[str, int]]:
+    """What numpy makes of them: (``sizeof T`` or ``T.member``, bytes), in the order of ``CLG_STRUCTS``."""
+    facts: list[tuple[str, int]] = []
+    for struct in structs or ALL:
+        dtype = struct.dtype
+        facts.append((f"sizeof {struct.name}", dtype.itemsize))
+        facts += [(f"{struct.name}.{name}", (dtype.fields or {})[name][1]) for _, name, _ in struct.members]
+    return facts

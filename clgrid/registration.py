@@ -1,0 +1,139 @@
+"""Make OpenCL runtimes that pip installed known to the OpenCL loader, without root.
+
+``intel-opencl-rt`` puts its library into the environment but leaves no .icd file that works. The loader
+reads ``OCL_ICD_VENDORS=<folder>`` *instead of* ``/etc/OpenCL/vendors`` and in addition to the .icd files
+inside pyopencl (PoCL from PyPI), so the folder made here repeats the system's files and adds Intel's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from clgrid import cache
+from clgrid.errors import DeviceError
+
+log = logging.getLogger(__name__)
+
+SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
+# Either of them replaces the system's folder.
+LOADER_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
+
+_lock = threading.Lock()
+_pyopencl: Any = None
+
+
+def intel_library() -> Path | None:
+    """Intel's CPU runtime of this Python environment, or None."""
+    path = Path(sys.prefix) / "lib" / "libintelocl.so"
+    return path if path.exists() else None
+
+
+def intel_math_library() -> Path | None:
+    """The library of ``intel-cmplr-lib-rt`` that Intel's runtime cannot be loaded without, or None."""
+    path = Path(sys.prefix) / "lib" / "libimf.so"
+    return path if path.exists() else None
+
+
+def icd_libraries(vendors: Path) -> dict[Path, str]:
+    """The library that each .icd file in the folder ``vendors`` names (its first line)."""
+    found: dict[Path, str] = {}
+    with contextlib.suppress(OSError):
+        for file in sorted(vendors.glob("*.icd")):
+            with contextlib.suppress(OSError):
+                lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+                found[file] = lines[0].strip()
+    return found
+
+
+def user_setting() -> tuple[str, str] | None:
+    """The loader variable that the user set, and its value; folders made by ``register`` do not count."""
+    for variable in LOADER_VARIABLES:
+        value = os.environ.get(variable)
+        if value and Path(value) not in _own_folders():
+            return variable, value
+    return None
+
+
+def _own_folders() -> tuple[Path, ...]:
+    """Where registrations may be written, best first."""
+    prefix = Path(sys.prefix)
+    return prefix / "etc" / "clgrid" / "icd", cache.folder() / f"icd-{cache.key(prefix)}"
+
+
+def _names_intel_cpu(library: str) -> bool:
+    """Whether an .icd line leads to Intel's CPU runtime (and not to its FPGA emulator)."""
+    path = Path(library)
+    return path.name == "libintelocl.so" and (not path.is_absolute() or path.exists())
+
+
+def _fill(vendors: Path, library: Path) -> None:
+    """Make ``vendors`` hold the system's .icd files and one that names ``library``.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written.
+    """
+    wanted = {f"system-{file.name}": line for file, line in icd_libraries(SYSTEM_VENDORS).items() if line}
+    wanted["clgrid-intel.icd"] = str(library)
+    vendors.mkdir(parents=True, exist_ok=True)
+    present = icd_libraries(vendors)
+    for file in present:
+        if file.name not in wanted:
+            file.unlink(missing_ok=True)
+    for name, line in wanted.items():
+        if present.get(vendors / name) != line:
+            cache.write_whole(vendors / name, line + "\n")
+
+
+def register() -> Path | None:
+    """Register Intel's runtime of this environment where nobody did, before the first OpenCL call.
+
+    Returns
+    -------
+    Path or None
+        The folder put into ``OCL_ICD_VENDORS``; None if there was nothing to do, the user's own
+        ``OCL_ICD_VENDORS`` or ``OPENCL_VENDOR_PATH`` stands, or no folder could be written.
+    """
+    library = intel_library()
+    if library is None or user_setting() is not None:
+        return None
+    if any(_names_intel_cpu(line) for line in icd_libraries(SYSTEM_VENDORS).values()):
+        return None
+    for vendors in _own_folders():
+        try:
+            _fill(vendors, library)
+        except OSError as error:
+            log.debug("%s cannot be written: %s", vendors, error)
+            continue
+        os.environ["OCL_ICD_VENDORS"] = str(vendors)
+        return vendors
+    return None
+
+
+def opencl() -> Any:
+    """The module ``pyopencl``, imported after ``register``.
+
+    Raises
+    ------
+    DeviceError
+        If pyopencl cannot be imported.
+    """
+    global _pyopencl
+    with _lock:
+        if _pyopencl is None:
+            register()
+            try:
+                import pyopencl
+            except ImportError as error:
+                raise DeviceError(
+                    f"pyopencl cannot be imported ({error}): pip install 'pyopencl[pocl]'"
+                ) from error
+            _pyopencl = pyopencl
+    return _pyopencl
