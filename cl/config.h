@@ -1,0 +1,31 @@
+// Rules and constants that every strict kernel shares. Each constant is derived in docs/numerics.md.
+#ifndef CLG_CONFIG_H
+#define CLG_CONFIG_H
+
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+// a*b-c*d must round both products alike, or edges of neighbours leak (Woop et al. 2013).
+#pragma OPENCL FP_CONTRACT OFF
+
+#define NO_HIT 0xFFFFFFFFu
+
+// Half an ulp of 1: the unit round-off of float32.
+#define UNIT_ROUNDOFF 0x1p-24
+
+// How far from a triangle, on each axis, a ray may pass and still be reported as a hit.
+#define LATERAL_ERROR (24 * UNIT_ROUNDOFF)
+// A box is entered in every cell within this distance: LATERAL_ERROR plus the rounding of cell_range.
+#define BOX_PAD (40 * UNIT_ROUNDOFF)
+// A computed t and the ray's true passage at the hit differ by less than this.
+#define T_SLACK (32 * UNIT_ROUNDOFF)
+
+// Local coordinates of vertices are within [-1, 1]; a ray starts within [-START_LIMIT, START_LIMIT].
+#define START_LIMIT 2.0
+// A ray from farther away is moved to where it enters the cube [-ENTRY_CUBE, ENTRY_CUBE].
+#define ENTRY_CUBE 1.5
+
+// Edge functions below this are recomputed in float64: nearer zero, float32 may have underflowed.
+#define SMALLEST_EDGE 0x1p-80f
+// A projected triangle thinner than this may owe its area to rounding alone.
+#define SLIVER_WIDTH 0x1p-18f
+
+#endif

@@ -1,0 +1,113 @@
+// A ray brought from scene units into the local frame: float32, unit size, near the mesh.
+// The strict rungs define the ray as these float32 values; all later stages see only them.
+#ifndef CLG_RAY_H
+#define CLG_RAY_H
+#include "config.h"
+
+typedef struct {
+    float origin[3];     // local, each within [-START_LIMIT, START_LIMIT]
+    float direction[3];  // largest component within [0.5, 1]
+    double t_min, t_max; // the caller's closed interval, in scene units of t
+    double t_entry;      // local distance by which the origin was moved
+    double t_unit;       // scene t of one local unit (a power of two)
+    bool valid;          // false: not finite, or no direction
+    bool reaches;        // false: the ray never comes near the mesh
+} Ray;
+
+double power_of_two(int exponent)
+{
+    return as_double((ulong)(exponent + 1023) << 52);
+}
+
+// Exponent e with 2^(e-1) <= x < 2^e, for normal x > 0.
+int exponent_above(double x)
+{
+    return (int)((as_ulong(x) >> 52) & 0x7FF) - 1022;
+}
+
+// Scene t of a local t.
+double scene_t(const Ray *ray, float t)
+{
+    return (ray->t_entry + (double)t) * ray->t_unit;
+}
+
+// Whether a local t lies in the caller's interval: asked of the very value that is reported.
+bool within_interval(const Ray *ray, float t)
+{
+    const double at = scene_t(ray, t);
+    return at >= ray->t_min && at <= ray->t_max;
+}
+
+// Local distances before and after which no accepted t can lie, for the grid walk.
+double first_t(const Ray *ray)
+{
+    return ray->t_min / ray->t_unit - ray->t_entry - (2.0 * T_SLACK + 0x1p-50 * ray->t_entry);
+}
+
+double last_t(const Ray *ray)
+{
+    return ray->t_max / ray->t_unit - ray->t_entry + (2.0 * T_SLACK + 0x1p-50 * ray->t_entry);
+}
+
+Ray prepare_ray(const double *origin, const double *direction, double t_min, double t_max,
+                __constant const FrameParams *frame)
+{
+    Ray ray;
+    double o[3], d[3];
+    double longest = 0.0, farthest = 0.0;
+    bool finite = t_min == t_min && t_max == t_max;
+    for (int a = 0; a < 3; ++a) {
+        o[a] = (origin[a] - frame->offset[a]) * frame->scale;
+        d[a] = direction[a];
+        longest = fabs(d[a]) > longest ? fabs(d[a]) : longest;
+        farthest = fabs(o[a]) > farthest ? fabs(o[a]) : farthest;
+        finite = finite && isfinite(o[a]) && isfinite(d[a]);
+    }
+    ray.valid = finite && longest > 0.0;
+    ray.reaches = false;
+    ray.t_entry = 0.0;
+    ray.t_unit = 1.0;
+    ray.t_min = t_min;
+    ray.t_max = t_max;
+    for (int a = 0; a < 3; ++a)
+        ray.origin[a] = ray.direction[a] = 0.0f;
+    if (!ray.valid)
+        return ray;
+
+    // Two steps keep every factor a normal double, also for denormal and huge directions.
+    const double first = longest < 0x1p-600 ? 0x1p+400 : longest > 0x1p+600 ? 0x1p-400 : 1.0;
+    const double second = power_of_two(-exponent_above(longest * first));
+    for (int a = 0; a < 3; ++a)
+        d[a] = d[a] * first * second;
+    ray.t_unit = frame->inverse_scale * first * second;
+    ray.valid = isfinite(ray.t_unit) && ray.t_unit > 0.0;
+    if (!ray.valid)
+        return ray;
+
+    // A distant origin would cost the float32 test its digits: start where the ray comes near.
+    if (farthest > START_LIMIT) {
+        double t_near = 0.0, t_far = INFINITY;
+        for (int a = 0; a < 3; ++a) {
+            if (d[a] != 0.0) {
+                const double side = d[a] > 0.0 ? ENTRY_CUBE : -ENTRY_CUBE;
+                const double t0 = (-side - o[a]) / d[a], t1 = (side - o[a]) / d[a];
+                t_near = t0 > t_near ? t0 : t_near;
+                t_far = t1 < t_far ? t1 : t_far;
+            } else if (fabs(o[a]) > ENTRY_CUBE) {
+                return ray;
+            }
+        }
+        if (!(t_near <= t_far))
+            return ray;
+        ray.t_entry = t_near;
+    }
+    for (int a = 0; a < 3; ++a) {
+        const double start = o[a] + ray.t_entry * d[a];
+        ray.origin[a] = (float)(start < -START_LIMIT ? -START_LIMIT : start > START_LIMIT ? START_LIMIT : start);
+        ray.direction[a] = (float)d[a];
+    }
+    ray.reaches = true;
+    return ray;
+}
+
+#endif

@@ -1,0 +1,206 @@
+// Ray and triangle, watertight: Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection".
+// A vertex shared by triangles shears to the same 2-D point bit for bit, and the edge functions
+// have exact signs (rounding is monotone; zeros are decided in float64), so no ray passes between.
+// Weights and t are formed in float64, so that neighbours agree closely on t.
+#ifndef CLG_TRIANGLE_H
+#define CLG_TRIANGLE_H
+#include "ray.h"
+
+typedef struct {
+    int kx, ky, kz;          // axes; kz is the direction's largest
+    float ox, oy, oz;        // origin, permuted
+    float dx, dy, dz;        // direction, permuted
+    float sx, sy, sz;        // shear of x, y and scale of z, each correctly rounded
+} Shear;
+
+typedef struct {
+    float t;
+    uint id;                 // NO_HIT on a miss
+    float u, v;              // barycentric weights of the second and third vertex
+} Hit;
+
+Shear shear_of(const Ray *ray)
+{
+    Shear s;
+    const float x = fabs(ray->direction[0]), y = fabs(ray->direction[1]), z = fabs(ray->direction[2]);
+    s.kz = x >= y ? (x >= z ? 0 : 2) : (y >= z ? 1 : 2);
+    s.kx = s.kz == 2 ? 0 : s.kz + 1;
+    s.ky = s.kx == 2 ? 0 : s.kx + 1;
+    // Keeps the winding of the projected triangle, whichever way the ray looks.
+    if (ray->direction[s.kz] < 0.0f) {
+        const int swap = s.kx;
+        s.kx = s.ky;
+        s.ky = swap;
+    }
+    s.ox = ray->origin[s.kx];
+    s.oy = ray->origin[s.ky];
+    s.oz = ray->origin[s.kz];
+    s.dx = ray->direction[s.kx];
+    s.dy = ray->direction[s.ky];
+    s.dz = ray->direction[s.kz];
+    // Through float64: correctly rounded also where the device's float32 division is not.
+    s.sx = (float)((double)s.dx / (double)s.dz);
+    s.sy = (float)((double)s.dy / (double)s.dz);
+    s.sz = (float)(1.0 / (double)s.dz);
+    return s;
+}
+
+// The vertices as the ray sees them: relative to the origin, permuted, sheared.
+typedef struct {
+    float ax, ay, az, bx, by, bz, cx, cy, cz;
+} Sheared;
+
+Sheared shear_triangle(const Shear *s, __global const float *vertices, __global const uint *face)
+{
+    __global const float *a = vertices + 3 * (size_t)face[0];
+    __global const float *b = vertices + 3 * (size_t)face[1];
+    __global const float *c = vertices + 3 * (size_t)face[2];
+    Sheared p;
+    p.az = a[s->kz] - s->oz;
+    p.bz = b[s->kz] - s->oz;
+    p.cz = c[s->kz] - s->oz;
+    p.ax = (a[s->kx] - s->ox) - s->sx * p.az;
+    p.ay = (a[s->ky] - s->oy) - s->sy * p.az;
+    p.bx = (b[s->kx] - s->ox) - s->sx * p.bz;
+    p.by = (b[s->ky] - s->oy) - s->sy * p.bz;
+    p.cx = (c[s->kx] - s->ox) - s->sx * p.cz;
+    p.cy = (c[s->ky] - s->oy) - s->sy * p.cz;
+    return p;
+}
+
+double overlap_near(double lo, double hi, double o, double d, double t)
+{
+    const double edge = ((d > 0.0 ? lo : hi) - o) / d;
+    return d != 0.0 && edge > t ? edge : t;
+}
+
+double overlap_far(double lo, double hi, double o, double d, double t)
+{
+    const double edge = ((d > 0.0 ? hi : lo) - o) / d;
+    return d != 0.0 && edge < t ? edge : t;
+}
+
+float min3(float a, float b, float c)
+{
+    const float m = a < b ? a : b;
+    return m < c ? m : c;
+}
+
+float max3(float a, float b, float c)
+{
+    const float m = a > b ? a : b;
+    return m > c ? m : c;
+}
+
+// t of an ill-conditioned hit, held to where the ray crosses the triangle's box: so the grid,
+// which knows the triangle by that box, finds it in time (docs/numerics.md, "Slivers").
+double clamp_to_box(const Shear *s, __global const float *vertices, __global const uint *face, double t)
+{
+    double t_near = -INFINITY, t_far = INFINITY;
+    const int axis[3] = {s->kx, s->ky, s->kz};
+    const float o[3] = {s->ox, s->oy, s->oz};
+    const float d[3] = {s->dx, s->dy, s->dz};
+    for (int i = 0; i < 3; ++i) {
+        const float a = vertices[3 * (size_t)face[0] + axis[i]];
+        const float b = vertices[3 * (size_t)face[1] + axis[i]];
+        const float c = vertices[3 * (size_t)face[2] + axis[i]];
+        const double lo = (double)min3(a, b, c) - LATERAL_ERROR;
+        const double hi = (double)max3(a, b, c) + LATERAL_ERROR;
+        t_near = overlap_near(lo, hi, o[i], d[i], t_near);
+        t_far = overlap_far(lo, hi, o[i], d[i], t_far);
+    }
+    t = t < t_near ? t_near : t;
+    return t > t_far ? t_far : t;
+}
+
+// True where the vertices lie on a line (or a point): no surface to hit.
+bool has_no_area(__global const float *vertices, __global const uint *face)
+{
+    __global const float *a = vertices + 3 * (size_t)face[0];
+    __global const float *b = vertices + 3 * (size_t)face[1];
+    __global const float *c = vertices + 3 * (size_t)face[2];
+    const double e0 = (double)b[0] - (double)a[0], f0 = (double)c[0] - (double)a[0];
+    const double e1 = (double)b[1] - (double)a[1], f1 = (double)c[1] - (double)a[1];
+    const double e2 = (double)b[2] - (double)a[2], f2 = (double)c[2] - (double)a[2];
+    return e0 * f1 == e1 * f0 && e1 * f2 == e2 * f1 && e2 * f0 == e0 * f2;
+}
+
+// Completes a hit whose edge functions u, v, w do not rule it out. False: no hit after all.
+// `weights` gets the barycentric weights of the second and third vertex if it is not null.
+bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w32,
+                __global const float *vertices, __global const uint *face, float *t, float *weights)
+{
+    double u = u32, v = v32, w = w32;
+    const float det32 = fabs((u32 + v32) + w32);
+    const float reach = max3(max3(fabs(p->ax), fabs(p->ay), fabs(p->bx)),
+                             max3(fabs(p->by), fabs(p->cx), fabs(p->cy)), 0.0f);
+    const bool slender = det32 < reach * (2.0f * reach * reach + SLIVER_WIDTH);
+    if (slender || min3(fabs(u32), fabs(v32), fabs(w32)) < SMALLEST_EDGE) {
+        // The products of two float32 are exact in float64, hence so are the signs.
+        u = (double)p->cx * (double)p->by - (double)p->cy * (double)p->bx;
+        v = (double)p->ax * (double)p->cy - (double)p->ay * (double)p->cx;
+        w = (double)p->bx * (double)p->ay - (double)p->by * (double)p->ax;
+        if ((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0))
+            return false;
+    }
+    const double det = (u + v) + w;
+    if (det == 0.0)
+        return false;
+    double at = ((u * (double)p->az + v * (double)p->bz) + w * (double)p->cz) * (double)s->sz / det;
+    if (slender) {
+        if (has_no_area(vertices, face))
+            return false;
+        at = clamp_to_box(s, vertices, face, at);
+    }
+    *t = (float)at;
+    if (weights) {
+        weights[0] = (float)(v / det);
+        weights[1] = (float)(w / det);
+    }
+    return true;
+}
+
+// Tests one triangle; an accepted t is within neither interval nor order: that is the caller's.
+bool intersect_triangle(const Shear *s, __global const float *vertices, __global const uint *face,
+                        float *t, float *weights)
+{
+    const Sheared p = shear_triangle(s, vertices, face);
+    const float u = p.cx * p.by - p.cy * p.bx;
+    const float v = p.ax * p.cy - p.ay * p.cx;
+    const float w = p.bx * p.ay - p.by * p.ax;
+    if ((u < 0.0f || v < 0.0f || w < 0.0f) && (u > 0.0f || v > 0.0f || w > 0.0f))
+        return false;
+    return finish_hit(s, &p, u, v, w, vertices, face, t, weights);
+}
+
+// Takes triangle `id` as the hit if it is nearer, or as near with a lower id.
+void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices,
+                  __global const uint *faces, uint id, Hit *hit)
+{
+    float t;
+    if (intersect_triangle(s, vertices, faces + 3 * (size_t)id, &t, 0)) {
+        const bool nearer = t < hit->t || (t == hit->t && id < hit->id);
+        if (nearer && within_interval(ray, t)) {
+            hit->t = t;
+            hit->id = id;
+        }
+    }
+}
+
+Hit no_hit(void)
+{
+    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f};
+    return miss;
+}
+
+// The weights of the hit, from the same arithmetic that accepted it.
+void set_weights(const Shear *s, __global const float *vertices, __global const uint *faces, Hit *hit)
+{
+    float t, weights[2] = {0.0f, 0.0f};
+    if (hit->id != NO_HIT)
+        intersect_triangle(s, vertices, faces + 3 * (size_t)hit->id, &t, weights);
+    hit->u = weights[0];
+    hit->v = weights[1];
+}
+
+#endif

@@ -1,0 +1,98 @@
+"""The local frame: where the kernels see the mesh, at unit size and near the origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from clgrid import structs
+from clgrid.errors import MeshError
+from clgrid.mesh import FloatArray, Mesh
+
+# Beyond these exponents a double cannot hold the scale and its inverse with room for directions.
+_LARGEST_EXPONENT = 900
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """Maps scene coordinates to local ones: ``local = (scene - offset) * 2**-exponent``.
+
+    All local vertices lie within [-1, 1]. For float32 vertices the map is exact, but for
+    values that underflow: an axis is only moved where its bounds differ by at most a factor of
+    two, so that the difference of floats is a float (Sterbenz 1974).
+
+    Attributes
+    ----------
+    offset : (3,) float64
+        In scene units.
+    exponent : int
+        The largest extent lies below ``2**exponent`` scene units.
+    """
+
+    offset: npt.NDArray[np.float64]
+    exponent: int
+
+    @classmethod
+    def of_bounds(cls, bounds: npt.NDArray[np.float64]) -> LocalFrame:
+        """The frame of a mesh with these bounds.
+
+        Parameters
+        ----------
+        bounds : (2, 3) float64
+            Lowest and highest corner, scene units.
+
+        Raises
+        ------
+        MeshError
+            If coordinates exceed 2**900.
+        """
+        low, high = bounds
+        smaller, larger = np.minimum(np.abs(low), np.abs(high)), np.maximum(np.abs(low), np.abs(high))
+        far = (low > 0) == (high > 0)
+        far &= (low != 0) & (high != 0) & (larger <= 2 * smaller)
+        # float32, so that the difference to a float32 vertex needs no more digits than it has.
+        middle = (low + (high - low) / 2).astype(np.float32).astype(np.float64)
+        middle = np.where(np.isfinite(middle), middle, low)
+        offset = np.where(far, np.clip(middle, low, high), 0.0)
+        reach = float(np.max(np.abs(bounds - offset)))
+        exponent = int(np.frexp(reach)[1]) if reach > 0 else 0
+        if exponent > _LARGEST_EXPONENT:
+            raise MeshError(f"coordinates reach {reach:g}; scale the mesh below 2^{_LARGEST_EXPONENT}")
+        return cls(offset, max(exponent, -_LARGEST_EXPONENT))
+
+    def to_local(self, vertices: FloatArray) -> npt.NDArray[np.float32]:
+        """Local float32 coordinates, each rounded at most once.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float32 or float64
+            Scene units.
+        """
+        if vertices.dtype == np.float32 and not self.offset.any():
+            with np.errstate(under="ignore", over="ignore", invalid="ignore"):
+                return np.ldexp(vertices, -self.exponent)
+        local = np.empty(vertices.shape, np.float32)
+        with np.errstate(under="ignore", over="ignore", invalid="ignore"):
+            for start in range(0, len(vertices), _CHUNK):
+                part = vertices[start : start + _CHUNK].astype(np.float64)
+                local[start : start + _CHUNK] = np.ldexp(part - self.offset, -self.exponent)
+        return local
+
+    def max_rounding(self, mesh: Mesh) -> float:
+        """Largest change, in scene units, that a used coordinate suffers on its way to local."""
+        worst = 0.0
+        used = np.unique(mesh.faces) if mesh.faces.size else np.zeros(0, np.int64)
+        for start in range(0, len(used), _CHUNK):
+            part = mesh.vertices[used[start : start + _CHUNK]]
+            back = np.ldexp(self.to_local(part).astype(np.float64), self.exponent)
+            worst = max(worst, float(np.max(np.abs((part.astype(np.float64) - self.offset) - back))))
+        return worst
+
+    def params(self) -> npt.NDArray[np.void]:
+        """The struct that kernels read."""
+        return structs.FRAME.pack(
+            offset=self.offset, scale=2.0**-self.exponent, inverse_scale=2.0**self.exponent
+        )
