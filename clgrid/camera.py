@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from clgrid import structs
 from clgrid.errors import InputError
 
 Vector = npt.NDArray[np.float64]
@@ -193,6 +194,13 @@ class Camera:
         y = (np.arange(height, dtype=np.float64) + 0.5 - 0.5 * height)[:, None, None]
         directions = (self.forward + x * step_x) + y * step_y
         return np.broadcast_to(self.eye, directions.shape), directions
+
+    def params(self, width: int, height: int) -> npt.NDArray[np.void]:
+        """Return the struct that kernels read, for a picture of this size."""
+        step_x, step_y = self.steps(width, height)
+        return structs.CAMERA.pack(
+            eye=self.eye, forward=self.forward, step_x=step_x, step_y=step_y, width=width, height=height
+        )
 
     def world_to_camera(self) -> Vector:
         """(4, 4) float64 for column vectors: x right, y up, z into the picture."""

@@ -1,0 +1,73 @@
+// A picture of the grid's triangles: one work-item casts and shades the rays of a TILE x TILE square.
+//   rgba     4 floats a pixel: linear colour, coverage            pixel (x, y) of the band of rows
+//   depth    AOV_DEPTH: planar depth, scene units, inf on a miss  first_row .. first_row + row_count
+//   normal   AOV_NORMAL: 3 floats, unit, on the viewer's side     is number (y - first_row) * width + x
+//   ids      AOV_ID: triangle, 0xFFFFFFFF on a miss
+#include "camera.h"
+#include "grid.h"
+#include "shade.h"
+
+#define TILE 8
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void render(__constant const CameraParams *camera, __constant const FrameParams *frame,
+                     __constant const GridParams *grid, __global const uint *cells,
+                     __global const uint *references, __global const float *vertices,
+                     __global const uint *faces, uint first_row, uint row_count,
+                     float background_r, float background_g, float background_b,
+#ifdef SMOOTH_NORMALS
+                     __global const float *vertex_normals,
+#endif
+#ifdef AOV_DEPTH
+                     __global float *depth,
+#endif
+#ifdef AOV_NORMAL
+                     __global float *normals,
+#endif
+#ifdef AOV_ID
+                     __global uint *ids,
+#endif
+                     __global float *rgba)
+{
+    const uint tiles_across = (camera->width + TILE - 1) / TILE;
+    const uint left = get_global_id(0) % tiles_across * TILE, top = get_global_id(0) / tiles_across * TILE;
+    const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
+    double eye[3];
+    for (int a = 0; a < 3; ++a)
+        eye[a] = camera->eye[a];
+    for (uint y = top; y < bottom; ++y) {
+        for (uint x = left; x < right; ++x) {
+            double view[3];
+            camera_direction(camera, x, first_row + y, view);
+            const Ray ray = prepare_ray(eye, view, 0.0, INFINITY, frame);
+            const Hit hit = closest_hit(&ray, grid, cells, references, vertices, faces);
+            const size_t pixel = (size_t)y * camera->width + x;
+            float r = background_r, g = background_g, b = background_b, coverage = 0.0f;
+            double normal[3] = {0.0, 0.0, 0.0};
+            if (hit.id != NO_HIT) {
+                __global const uint *face = faces + 3 * (size_t)hit.id;
+                to_unit(view);
+                face_normal(vertices, face, view, normal);
+#ifdef SMOOTH_NORMALS
+                smooth_normal(vertex_normals, face, &hit, normal);
+#endif
+                r = g = b = headlight(normal, view);
+                coverage = 1.0f;
+            }
+            rgba[4 * pixel] = r;
+            rgba[4 * pixel + 1] = g;
+            rgba[4 * pixel + 2] = b;
+            rgba[4 * pixel + 3] = coverage;
+#ifdef AOV_DEPTH
+            depth[pixel] = hit.id == NO_HIT ? INFINITY : (float)scene_t(&ray, hit.t);
+#endif
+#ifdef AOV_NORMAL
+            for (int a = 0; a < 3; ++a)
+                normals[3 * pixel + a] = (float)normal[a];
+#endif
+#ifdef AOV_ID
+            ids[pixel] = hit.id;
+#endif
+        }
+    }
+}

@@ -1,0 +1,97 @@
+"""Compact uniform grids for ray tracing on OpenCL devices, with answers you can trust.
+
+``mesh = clgrid.load(path)``, ``grid = clgrid.build(mesh)``, ``hits = grid.cast(origins, directions)``,
+``image = clgrid.render(mesh)``. Names are imported at first use, so that ``import clgrid`` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from clgrid.camera import Camera
+    from clgrid.cast import Hits, brute_force
+    from clgrid.device import Device
+    from clgrid.device import describe_all as devices
+    from clgrid.errors import (
+        ClgridError,
+        DeviceError,
+        GridTooLargeError,
+        ImageError,
+        InputError,
+        MeshError,
+    )
+    from clgrid.grid import Grid, build
+    from clgrid.image import Image, read_image
+    from clgrid.mesh import Mesh, load
+    from clgrid.renderer import render
+    from clgrid.scene import Scene, load_scene
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "ClgridError",
+    "Device",
+    "DeviceError",
+    "Grid",
+    "GridTooLargeError",
+    "Hits",
+    "Image",
+    "ImageError",
+    "InputError",
+    "Mesh",
+    "MeshError",
+    "Scene",
+    "__version__",
+    "brute_force",
+    "build",
+    "devices",
+    "load",
+    "load_scene",
+    "read_image",
+    "render",
+]
+
+# Where each public name lives, and under which name.
+_HOMES = {
+    "Camera": ("camera", "Camera"),
+    "Device": ("device", "Device"),
+    "Grid": ("grid", "Grid"),
+    "Hits": ("cast", "Hits"),
+    "Image": ("image", "Image"),
+    "Mesh": ("mesh", "Mesh"),
+    "Scene": ("scene", "Scene"),
+    "brute_force": ("cast", "brute_force"),
+    "build": ("grid", "build"),
+    "devices": ("device", "describe_all"),
+    "load": ("mesh", "load"),
+    "load_scene": ("scene", "load_scene"),
+    "read_image": ("image", "read_image"),
+    "render": ("renderer", "render"),
+    **{
+        name: ("errors", name)
+        for name in (
+            "ClgridError",
+            "DeviceError",
+            "GridTooLargeError",
+            "ImageError",
+            "InputError",
+            "MeshError",
+        )
+    },
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'clgrid' has no attribute {name!r}")
+    module, attribute = _HOMES[name]
+    value = getattr(importlib.import_module(f"clgrid.{module}"), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,259 @@
+"""Draw a scene: cast the camera's rays through a grid on the device, shade what they hit.
+
+Named ``renderer`` so that ``clgrid.render`` can be the function.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import clgrid
+from clgrid.camera import Camera
+from clgrid.device import Device
+from clgrid.errors import InputError
+from clgrid.grid import Grid, build, device_buffers
+from clgrid.image import NO_ID, Attribute, Image
+from clgrid.memory import Allocator
+from clgrid.mesh import Mesh
+from clgrid.program import kernel
+from clgrid.scene import Scene, default_camera
+
+AOVS = ("depth", "normal", "id")
+DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
+
+_TILE = 8  # as in cl/render.cl
+_MOST_PIXELS = 1 << 28
+# Bands of a picture whose progress is watched: each costs one launch.
+_BANDS = 16
+_LARGEST_BUFFER = 1 << 30
+_BYTES_PER_PIXEL = 16
+
+Progress = Callable[[float], None]
+
+
+def render(
+    scene: Scene | Mesh,
+    camera: Camera | None = None,
+    width: int = 1024,
+    height: int = 1024,
+    aovs: Sequence[str] = (),
+    *,
+    grid: Grid | None = None,
+    background: Sequence[float] = DEFAULT_BACKGROUND,
+    progress: Progress | None = None,
+    **build_options: Any,
+) -> Image:
+    """Render a picture of a scene: one ray a pixel, lit from the eye, the same bits on every device.
+
+    Parameters
+    ----------
+    scene : Scene or Mesh
+        What to draw. Vertex normals are used where the mesh has them.
+    camera : Camera, optional
+        By default a three-quarter view of the whole scene.
+    width, height : int
+        Pixels.
+    aovs : sequence of {"depth", "normal", "id"}
+        Further channel groups of the image.
+    grid : Grid, optional
+        Of this very mesh; by default one is built with ``build_options``.
+    background : (float, float, float)
+        Linear colour where no triangle is hit.
+    progress : callable, optional
+        Called with the share of rows done, from 0 to 1.
+    **build_options
+        As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory.
+
+    Returns
+    -------
+    Image
+        Its metadata tell device, grid, camera and seconds.
+
+    Raises
+    ------
+    InputError
+        If a size, an AOV name or the background is out of range, or the grid is of another mesh.
+    GridTooLargeError, DeviceError
+        As ``clgrid.build``.
+    """
+    mesh = scene.mesh if isinstance(scene, Scene) else scene
+    _check(width, height, aovs, background)
+    if grid is None:
+        grid = build(mesh, **build_options)
+    elif grid.mesh is not mesh or build_options:
+        raise InputError("render: the grid is of another mesh or has build options beside it; give one")
+    view = camera or default_camera(scene, width / height)
+    image = _blank(width, height, aovs, background)
+    start = time.perf_counter()
+    if not grid.empty:
+        _draw(grid, view, image, background, progress)
+    if image.primitive_id is not None:
+        image.geometry_id = _geometry_ids(mesh, image.primitive_id)
+    seconds = time.perf_counter() - start
+    image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs), seconds)
+    return image
+
+
+def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
+    """Return the ``-D`` options with which cl/render.cl is compiled: only what is asked for."""
+    options: dict[str, int | str] = {f"AOV_{name.upper()}": 1 for name in AOVS if name in aovs}
+    if mesh.vertex_normals is not None:
+        options["SMOOTH_NORMALS"] = 1
+    return options
+
+
+def warm_up(device: Device, aovs: Sequence[str] = (), *, smooth: bool = False, **build_options: Any) -> float:
+    """Compile what a build and a render need by drawing one triangle.
+
+    Parameters
+    ----------
+    device : Device
+        Where.
+    aovs, smooth, build_options
+        As the later render: ``smooth`` if its mesh has vertex normals.
+
+    Returns
+    -------
+    seconds : float
+        How long it took, compiling above all; next to nothing the second time.
+    """
+    start = time.perf_counter()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)) if smooth else None
+    triangle = Mesh(corners, np.array([[0, 1, 2]], np.uint32), vertex_normals=normals)
+    render(triangle, width=_TILE, height=_TILE, aovs=aovs, device=device, **build_options)
+    return time.perf_counter() - start
+
+
+def _check(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> None:
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise InputError(f"render: size {width}x{height}; give at least 1x1 and at most 2^28 pixels")
+    unknown = [name for name in aovs if name not in AOVS]
+    if unknown:
+        raise InputError(f"render: unknown AOV {unknown[0]!r}; choose of {', '.join(AOVS)}")
+    if len(background) != 3 or not np.isfinite(background).all():
+        raise InputError(f"render: background {tuple(background)} is not three finite numbers")
+
+
+def _blank(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> Image:
+    """Make the picture of nothing; rendering then fills its arrays in place."""
+    rgba = np.zeros((height, width, 4), np.float32)
+    rgba[..., :3] = background
+    return Image(
+        rgba,
+        depth=np.full((height, width), np.inf, np.float32) if "depth" in aovs else None,
+        normal=np.zeros((height, width, 3), np.float32) if "normal" in aovs else None,
+        primitive_id=np.full((height, width), NO_ID, np.uint32) if "id" in aovs else None,
+    )
+
+
+def _draw(
+    grid: Grid, camera: Camera, image: Image, background: Sequence[float], progress: Progress | None
+) -> None:
+    device, mesh = grid.device, grid.mesh
+    aovs = [name for name, array in _aov_arrays(image) if array is not None]
+    draw = kernel(device, "render.cl", "render", **kernel_options(mesh, aovs))
+    allocator = Allocator(device)
+    inputs = [allocator.upload(camera.params(image.width, image.height)), *device_buffers(grid)]
+    colour = [np.float32(value) for value in background]
+    normals = [] if mesh.vertex_normals is None else [allocator.share(mesh.vertex_normals)]
+    arrays = [array for _, array in _aov_arrays(image) if array is not None]
+    arrays.append(image.rgba)
+    tiles_across = -(-image.width // _TILE)
+    for first, last in _bands(image.width, image.height, device, watched=progress is not None):
+        parts = [array[first:last] for array in arrays]
+        outputs = [_over(device, part) for part in parts]
+        tiles = tiles_across * -(-(last - first) // _TILE)
+        draw(
+            device.queue, (tiles,), (1,), *inputs, np.uint32(first), np.uint32(last - first),
+            *colour, *normals, *outputs,
+        )  # fmt: skip
+        for part, buffer in zip(parts, outputs, strict=True):
+            _bring_home(device, part, buffer)
+        if progress is not None:
+            progress(last / image.height)
+
+
+def _aov_arrays(image: Image) -> list[tuple[str, npt.NDArray[Any] | None]]:
+    """Pair each AOV with its array, in the order of the kernel's arguments."""
+    return [("depth", image.depth), ("normal", image.normal), ("id", image.primitive_id)]
+
+
+def _bands(width: int, height: int, device: Device, *, watched: bool) -> Iterator[tuple[int, int]]:
+    """Split the rows into bands: one, more if watched or if a buffer would be too large."""
+    largest = min(_LARGEST_BUFFER, device.description.max_allocation)
+    rows = max(1, largest // (_BYTES_PER_PIXEL * width))
+    if watched:
+        rows = min(rows, -(-height // _BANDS))
+    if rows > _TILE:
+        rows -= rows % _TILE
+    for first in range(0, height, rows):
+        yield first, min(first + rows, height)
+
+
+def _over(device: Device, array: npt.NDArray[Any]) -> Any:
+    """Make a buffer over the array itself: no copy on CPU devices."""
+    import pyopencl as cl
+
+    flags = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
+    return cl.Buffer(device.context, flags, hostbuf=array)
+
+
+def _bring_home(device: Device, array: npt.NDArray[Any], buffer: Any) -> None:
+    """Wait for the kernel and make the array under the buffer current."""
+    import pyopencl as cl
+
+    mapped, _ = cl.enqueue_map_buffer(device.queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype)
+    mapped.base.release(device.queue)
+    device.queue.finish()
+    buffer.release()
+
+
+def _geometry_ids(mesh: Mesh, primitive_ids: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+    """Look up the geometry of each triangle id; NO_ID stays NO_ID."""
+    found = np.searchsorted(mesh.geometry_starts, primitive_ids.astype(np.int64), side="right") - 1
+    return np.where(primitive_ids == NO_ID, NO_ID, found).astype(np.uint32)
+
+
+def _metadata(
+    mesh: Mesh, grid: Grid, camera: Camera, options: dict[str, int | str], seconds: float
+) -> dict[str, Attribute]:
+    device = grid.device
+    entries: dict[str, Attribute] = {
+        "Software": f"clgrid {clgrid.__version__}",
+        "worldToCamera": camera.world_to_camera(),
+        "clgrid:source": mesh.source,
+        "clgrid:triangles": mesh.triangle_count,
+        "clgrid:device": device.name,
+        "clgrid:driver": device.driver_version,
+        "clgrid:platform": device.platform,
+        "clgrid:kernel_options": " ".join(f"-D{key}={value}" for key, value in options.items()),
+        "clgrid:layout": grid.layout,
+        "clgrid:accuracy": grid.accuracy,
+        "clgrid:grid_bytes": str(grid.nbytes),
+        "clgrid:camera_name": camera.name,
+        "clgrid:camera_eye": _text(camera.eye),
+        "clgrid:camera_forward": _text(camera.forward),
+        "clgrid:camera_up": _text(camera.up),
+        "clgrid:camera_fov": camera.fov,
+        "clgrid:camera_fov_axis": camera.fov_axis,
+        "clgrid:render_s": seconds,
+    }
+    if not grid.empty:
+        made = grid.compact
+        entries["clgrid:resolution"] = "x".join(map(str, made.resolution))
+        entries["clgrid:references"] = str(made.reference_count)
+        entries["clgrid:upload_s"] = grid.upload_s
+        for stage, value in made.build_s.items():
+            entries[f"clgrid:build_{stage}_s"] = value
+    return entries
+
+
+def _text(vector: npt.NDArray[np.float64]) -> str:
+    """Write a vector so that reading it gives the same doubles; EXR attributes hold floats only."""
+    return " ".join(repr(float(value)) for value in vector)

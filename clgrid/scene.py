@@ -1,0 +1,227 @@
+"""Scenes: a mesh by file or by name, its cameras, and the view it gets where none is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from clgrid import procedural
+from clgrid.camera import DEFAULT_FOV, Camera, FovAxis
+from clgrid.errors import InputError
+from clgrid.mesh import Mesh, load
+
+# Bounds whose z extent is below this share of both others lie flat: terrain, sheets, plates.
+_FLAT = 0.25
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A mesh with what a picture of it needs besides.
+
+    Attributes
+    ----------
+    name : str
+        Short name for tables and records.
+    mesh : Mesh
+        The triangles.
+    path : Path or None
+        The file, None for a built-in scene.
+    """
+
+    name: str
+    mesh: Mesh
+    path: Path | None = None
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Load a mesh file, or make a built-in scene where there is no such file.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path, or ``demo``, ``cube``, ``icosphere[:N]``, ``terrain[:N]``.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be used.
+    InputError
+        If a built-in name has an argument out of range.
+    """
+    path = Path(name)
+    if not path.is_file() and procedural.is_name(str(name)):
+        return Scene(str(name), procedural.make(str(name)))
+    return Scene(short_name(path), load(path), path)
+
+
+def short_name(path: Path) -> str:
+    """Return the file's name without ``.gz`` and its format's suffix."""
+    stem = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    return stem.stem
+
+
+def up_axis(scene: Scene | Mesh) -> tuple[float, float, float]:
+    """Guess which way is up: +z for STL and for bounds flat in z, +y for glTF and all else.
+
+    glTF is y-up by its specification, even where flat; STL comes from CAD and printing, where z is up.
+    """
+    mesh = scene.mesh if isinstance(scene, Scene) else scene
+    name = mesh.source.lower().removesuffix(".gz")
+    if name.endswith(".stl"):
+        return _AXES["z"]
+    if name.endswith((".glb", ".gltf")) or not mesh.triangle_count:
+        return _AXES["y"]
+    x, y, z = np.ptp(mesh.bounds, axis=0)
+    return _AXES["z"] if z < _FLAT * min(x, y) else _AXES["y"]
+
+
+def parse_up(text: str, scene: Scene | Mesh) -> tuple[float, float, float]:
+    """Read ``auto``, ``x``, ``-z``... or ``X,Y,Z`` as a direction.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if text == "auto":
+        return up_axis(scene)
+    sign, axis = (-1.0, text[1:]) if text[:1] == "-" else (1.0, text.removeprefix("+"))
+    if axis in _AXES:
+        x, y, z = _AXES[axis]
+        return (sign * x, sign * y, sign * z)
+    return parse_vector(text, "up")
+
+
+def parse_vector(text: str, what: str) -> tuple[float, float, float]:
+    """Read ``X,Y,Z``.
+
+    Raises
+    ------
+    InputError
+        If it is not three finite numbers.
+    """
+    try:
+        x, y, z = (float(part) for part in text.replace(",", " ").split())
+    except ValueError:
+        raise InputError(f"{what} {text!r}: give three numbers as X,Y,Z") from None
+    if not np.isfinite([x, y, z]).all():
+        raise InputError(f"{what} {text!r}: give three finite numbers")
+    return (x, y, z)
+
+
+def default_camera(
+    scene: Scene | Mesh,
+    aspect: float = 1.0,
+    up: tuple[float, float, float] | None = None,
+    fov: float = DEFAULT_FOV,
+) -> Camera:
+    """Make the three-quarter view of the whole scene; of the unit cube where it has no triangle."""
+    mesh = scene.mesh if isinstance(scene, Scene) else scene
+    bounds = mesh.bounds if mesh.triangle_count else np.array([[-1.0] * 3, [1.0] * 3])
+    return Camera.framing(bounds, up or up_axis(scene), fov, aspect)
+
+
+def named_camera(scene: Scene, selector: str) -> Camera:
+    """Find a camera by name or index in the scene's glTF file, or read one from a JSON file.
+
+    Raises
+    ------
+    InputError
+        If there is no such camera; the message lists those there are.
+    """
+    if selector.lower().endswith(".json"):
+        return camera_file(Path(selector))
+    cameras = scene_cameras(scene)
+    if selector.isdecimal() and int(selector) < len(cameras):
+        return cameras[int(selector)]
+    matches = [camera for camera in cameras if camera.name == selector]
+    if matches:
+        return matches[0]
+    known = ", ".join(f"{k} {camera.name!r}" for k, camera in enumerate(cameras)) or "none"
+    raise InputError(f"camera {selector!r}: not in {scene.name}, which has {known}; or give a .json file")
+
+
+def scene_cameras(scene: Scene) -> list[Camera]:
+    """Return the perspective cameras of the scene's file, in its order; none but for glTF.
+
+    Raises
+    ------
+    InputError
+        If a camera's matrix or field of view makes no sense.
+    """
+    from clgrid.meshfile import read_cameras
+
+    if scene.path is None:
+        return []
+    return [
+        Camera.from_matrix(found.world, float(np.degrees(found.yfov)), name=found.name)
+        for found in read_cameras(scene.path)
+    ]
+
+
+class _MatrixCamera(msgspec.Struct):
+    """What converters of Mitsuba and pbrt scenes write beside a mesh."""
+
+    fov: float | str | list[float | str] = DEFAULT_FOV
+    toWorld: list[list[float]] | None = None  # noqa: N815
+    worldToCam: list[list[float]] | None = None  # noqa: N815
+
+
+class _CameraFile(msgspec.Struct):
+    """A camera file: a matrix under ``camera``, or the command line's own words."""
+
+    camera: _MatrixCamera | None = None
+    eye: tuple[float, float, float] | None = None
+    look_at: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov: float = DEFAULT_FOV
+
+
+def camera_file(path: Path) -> Camera:
+    """Read a camera from JSON.
+
+    Either ``{"eye": [..], "look_at": [..], "up": [..], "fov": degrees}`` or ``{"camera": {..}}`` with
+    ``toWorld`` (Mitsuba: camera to world, x to the left, z into the picture, fov along the width) or
+    ``worldToCam`` (pbrt: world to camera, x to the right, z into the picture, fov along the shorter side).
+
+    Raises
+    ------
+    InputError
+        If the file is missing or holds neither.
+    """
+    try:
+        content = msgspec.json.decode(path.read_bytes(), type=_CameraFile)
+    except OSError as error:
+        raise InputError(f"camera {path}: cannot be read ({error.strerror})") from error
+    except msgspec.MsgspecError as error:
+        raise InputError(f"camera {path}: not a camera file ({error})") from error
+    given = content.camera
+    if content.eye is not None and content.look_at is not None:
+        return Camera.look_at(content.eye, content.look_at, content.up, content.fov)
+    if given is None or (given.toWorld is None and given.worldToCam is None):
+        raise InputError(f"camera {path}: give eye and look_at, or camera with toWorld or worldToCam")
+    axis: FovAxis = "smaller" if given.toWorld is None else "x"
+    right = 1 if given.toWorld is None else -1
+    matrix = _inverse(given.worldToCam, path) if given.toWorld is None else given.toWorld
+    return Camera.from_matrix(matrix, _degrees(given.fov, path), axis, right=right, forward=1, name=path.name)
+
+
+def _inverse(matrix: Any, path: Path) -> Any:
+    try:
+        return np.linalg.inv(np.asarray(matrix, np.float64))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise InputError(f"camera {path}: its matrix has no inverse ({error})") from error
+
+
+def _degrees(value: float | str | list[float | str], path: Path) -> float:
+    """Read the angle, which converters write as a number, a text or a list of one text."""
+    first = value[0] if isinstance(value, list) and value else value
+    try:
+        return float(first)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"camera {path}: fov {value!r} is not a number of degrees") from None
