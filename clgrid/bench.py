@@ -1,0 +1,198 @@
+"""Measure scenes: load, first compile, build, render, bytes; the rows of the paper's Figure 1."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from clgrid import record
+from clgrid.device import Device
+from clgrid.errors import ClgridError, DeviceError, InputError
+from clgrid.grid import Grid, build
+from clgrid.image import Image
+from clgrid.record import BenchRecord, Failure, Row
+from clgrid.renderer import render, warm_up
+from clgrid.scene import Scene, load_scene
+
+
+@dataclass(frozen=True)
+class Work:
+    """What is done to each scene.
+
+    Attributes
+    ----------
+    width, height : int
+        Pixels; one ray each.
+    repetitions : int
+        Times that build and render are timed, in turns, after one unmeasured turn.
+    layout, density, resolution, accuracy, max_memory
+        As for ``clgrid.build``.
+    """
+
+    width: int = 1024
+    height: int = 1024
+    repetitions: int = 5
+    layout: str = "compact"
+    density: float | str = "auto"
+    resolution: tuple[int, int, int] | None = None
+    accuracy: str = "robust"
+    max_memory: int | None = None
+
+    def build(self, scene: Scene, device: Device) -> Grid:
+        """Build the scene's grid as this work asks."""
+        return build(
+            scene.mesh,
+            layout=self.layout,
+            density=self.density,
+            resolution=self.resolution,
+            accuracy=self.accuracy,
+            device=device,
+            max_memory=self.max_memory,
+        )
+
+
+class Measurement:
+    """Collects the timings of one scene; ``row`` makes the record of them."""
+
+    def __init__(self, scene: Scene, load_s: float, device: Device) -> None:
+        self.scene = scene
+        self.device = device
+        self.load_s = load_s
+        self.first_compile_s: list[float] = []
+        self.build_s: list[float] = []
+        self.stages_s: dict[str, list[float]] = {}
+        self.render_s: list[float] = []
+
+    def build(self, work: Work) -> Grid:
+        """Build the grid and note the seconds of the whole and of each stage."""
+        start = time.perf_counter()
+        grid = work.build(self.scene, self.device)
+        self.build_s.append(time.perf_counter() - start)
+        if not grid.empty:
+            for stage, seconds in {"upload": grid.upload_s, **grid.compact.build_s}.items():
+                self.stages_s.setdefault(stage, []).append(seconds)
+        return grid
+
+    def render(self, draw: Callable[[], Image]) -> Image:
+        """Call ``draw`` and note the seconds."""
+        start = time.perf_counter()
+        image = draw()
+        self.render_s.append(time.perf_counter() - start)
+        return image
+
+    def row(self, grid: Grid, image: Image) -> Row:
+        """Return everything measured, with the grid's and the picture's numbers."""
+        stats, triangles = grid.stats, self.scene.mesh.triangle_count
+        return Row(
+            scene=self.scene.name,
+            triangles=triangles,
+            layout=grid.layout,
+            accuracy=grid.accuracy,
+            density=stats.density,
+            resolution=stats.resolution,
+            references=stats.references,
+            empty_share=stats.empty_share,
+            grid_bytes=grid.nbytes,
+            bytes_per_triangle=grid.nbytes / triangles if triangles else 0.0,
+            peak_bytes=grid.peak_nbytes,
+            load_s=[self.load_s],
+            first_compile_s=self.first_compile_s,
+            build_s=self.build_s,
+            build_stages_s=self.stages_s,
+            render_s=self.render_s,
+            time_to_image_s=[b + r for b, r in zip(self.build_s, self.render_s, strict=True)],
+            width=image.width,
+            height=image.height,
+            rays=image.width * image.height,
+            hits=image.hits,
+            device=self.device.label,
+            warnings=self.scene.mesh.warnings,
+        )
+
+
+def load_timed(name: str) -> tuple[Scene, float]:
+    """Load a scene; also the seconds it took."""
+    start = time.perf_counter()
+    scene = load_scene(name)
+    return scene, time.perf_counter() - start
+
+
+def bench_scene(name: str, work: Work, device: Device) -> Row:
+    """Measure one scene from its default view.
+
+    Raises
+    ------
+    ClgridError
+        If the scene cannot be loaded, built or rendered, or the repetitions are not at least 1.
+    """
+    if work.repetitions < 1:
+        raise InputError(f"bench: {work.repetitions} repetitions; give at least 1")
+    scene, load_s = load_timed(name)
+    seen = Measurement(scene, load_s, device)
+    smooth = scene.mesh.vertex_normals is not None
+    seen.first_compile_s.append(warm_up(device, smooth=smooth, layout=work.layout, accuracy=work.accuracy))
+
+    def draw(grid: Grid) -> Image:
+        return render(scene, width=work.width, height=work.height, grid=grid)
+
+    grid = work.build(scene, device)
+    image = draw(grid)
+    for _ in range(work.repetitions):
+        # One grid at a time: the old one's memory is free before the next is built.
+        del grid
+        grid = seen.build(work)
+        image = seen.render(lambda grid=grid: draw(grid))  # type: ignore[misc]
+    return seen.row(grid, image)
+
+
+def bench(
+    names: Sequence[str],
+    work: Work,
+    device: Device,
+    progress: Callable[[str], None] = lambda name: None,
+) -> BenchRecord:
+    """Measure scenes one after another; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files or built-in scenes.
+    work : Work
+        What to do with each.
+    device : Device
+        Where.
+    progress : callable
+        Called with each name before its turn.
+
+    Raises
+    ------
+    DeviceError
+        If the device cannot be used at all.
+    """
+    rows: list[Row] = []
+    failures: list[Failure] = []
+    for name in names:
+        progress(name)
+        try:
+            rows.append(bench_scene(name, work, device))
+        except DeviceError:
+            raise
+        except ClgridError as error:
+            failures.append(Failure(name, str(error)))
+        except Exception as error:  # whatever else a scene provokes is this scene's failure too
+            failures.append(Failure(name, f"{type(error).__name__}: {error}"))
+    return BenchRecord(
+        schema=record.schema("bench"),
+        clgrid=record.version(),
+        device=record.describe_device(device),
+        compiled=record.describe_builds(device),
+        rows=rows,
+        failures=failures,
+    )
+
+
+def rate(count: int, seconds: Sequence[float]) -> float:
+    """Return millions a second, by the median; 0 where nothing was timed."""
+    return count / median(seconds) / 1e6 if seconds and median(seconds) > 0 else 0.0

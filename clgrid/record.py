@@ -1,0 +1,198 @@
+"""The JSON records: what every verb prints with ``--json``.
+
+Each record names its schema, clgrid's version, the device, the options compiled in and the seeds;
+whatever was timed is a list with one entry a repetition.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import msgspec
+
+import clgrid
+from clgrid.device import Device
+from clgrid.program import builds
+
+Record = TypeVar("Record", bound=msgspec.Struct)
+
+
+class DeviceRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The OpenCL device, as its driver reports it."""
+
+    name: str
+    driver: str
+    platform: str
+
+
+class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What every record begins with.
+
+    Attributes
+    ----------
+    schema : str
+        ``clgrid.VERB/N``; N grows when a field changes its meaning or goes.
+    clgrid : str
+        Version.
+    device : DeviceRecord
+        Where the kernels ran.
+    compiled : tuple of str
+        Every kernel file built in the process, with its ``-D`` options.
+    seeds : dict
+        Of every random choice; empty where nothing is random.
+    """
+
+    schema: str
+    clgrid: str
+    device: DeviceRecord
+    compiled: tuple[str, ...]
+    seeds: dict[str, int] = {}
+
+
+class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One grid over one scene, and what it took: seconds, one entry a repetition; sizes in bytes.
+
+    Attributes
+    ----------
+    density : float
+        Cells per triangle, as built.
+    empty_share : float
+        Share of cells without a triangle.
+    peak_bytes : int
+        Most device bytes that the build held at once.
+    first_compile_s : list of float
+        What the first kernels took, before anything else was timed.
+    build_s, build_stages_s
+        Wall time from host arrays to the finished grid, and its parts by name.
+    hits : int
+        Rays that hit a triangle.
+    """
+
+    scene: str
+    triangles: int
+    layout: str
+    accuracy: str
+    density: float
+    resolution: tuple[int, int, int]
+    references: int
+    empty_share: float
+    grid_bytes: int
+    bytes_per_triangle: float
+    peak_bytes: int
+    load_s: list[float]
+    first_compile_s: list[float]
+    build_s: list[float]
+    build_stages_s: dict[str, list[float]]
+    render_s: list[float]
+    time_to_image_s: list[float]
+    width: int
+    height: int
+    rays: int
+    hits: int
+    device: str
+    warnings: tuple[str, ...] = ()
+
+
+class Failure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A scene that could not be measured, and why."""
+
+    scene: str
+    error: str
+
+
+class BenchRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``clgrid bench --json``."""
+
+    rows: list[Row]
+    failures: list[Failure]
+
+
+class RenderRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``clgrid render --json``."""
+
+    row: Row
+    outputs: tuple[str, ...]
+    save_s: dict[str, float]
+
+
+class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``clgrid info --json``: what is known of a scene without building a grid.
+
+    Attributes
+    ----------
+    bounds : ((x, y, z), (x, y, z)) or None
+        Lowest and highest corner; None for a mesh without triangles.
+    mesh_bytes : int
+        Of the host arrays.
+    degenerate : int
+        Triangles without area, which no ray hits.
+    frame_offset, frame_exponent
+        ``local = (scene - offset) * 2**-exponent``.
+    max_rounding : float
+        The largest change of a coordinate by its one rounding to local float32, scene units.
+    resolution : (int, int, int) or None
+        What ``density`` asks for.
+    cell_bytes : int
+        Bytes of the list starts, exactly. Each reference adds 4; how many there are, the build counts.
+    compiled
+        Kernel variants that building and rendering this scene compiles.
+    """
+
+    schema: str
+    clgrid: str
+    scene: str
+    source: str
+    triangles: int
+    vertices: int
+    vertex_dtype: str
+    vertex_normals: bool
+    geometries: tuple[str, ...]
+    cameras: tuple[str, ...]
+    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] | None
+    mesh_bytes: int
+    degenerate: int
+    frame_offset: tuple[float, float, float]
+    frame_exponent: int
+    max_rounding: float
+    density: float
+    resolution: tuple[int, int, int] | None
+    cells: int
+    cell_bytes: int
+    compiled: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def schema(verb: str) -> str:
+    """Return the schema that ``clgrid VERB --json`` writes."""
+    return f"clgrid.{verb}/1"
+
+
+def describe_device(device: Device) -> DeviceRecord:
+    """Return the record of a device."""
+    return DeviceRecord(device.name, device.driver_version, device.platform)
+
+
+def describe_builds(device: Device) -> tuple[str, ...]:
+    """List the kernel files built on the device so far, each with its options."""
+    return tuple(" ".join((built.file, *built.options)) for built in builds(device))
+
+
+def version() -> str:
+    """Return clgrid's version."""
+    return clgrid.__version__
+
+
+def encode(record: msgspec.Struct) -> str:
+    """Write a record as one JSON document, indented, with a final newline."""
+    return msgspec.json.format(msgspec.json.encode(record), indent=2).decode() + "\n"
+
+
+def decode(text: str | bytes, kind: type[Record]) -> Record:
+    """Read a record strictly: unknown or missing fields and wrong types are errors.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        With the path of the field.
+    """
+    return msgspec.json.decode(text, type=kind)
