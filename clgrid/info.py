@@ -10,7 +10,7 @@ from clgrid.mesh import Mesh
 from clgrid.record import InfoRecord
 from clgrid.renderer import AOVS, kernel_options
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
-from clgrid.scene import Scene, scene_cameras
+from clgrid.scene import Scene, gltf_cameras
 
 BUILD_PROGRAMS = ("count_references.cl", "scan_slabs.cl", "bin_references.cl", "insert_references.cl")
 
@@ -56,7 +56,7 @@ def info(
         vertex_dtype=mesh.vertices.dtype.name,
         vertex_normals=mesh.vertex_normals is not None,
         geometries=mesh.geometry_names,
-        cameras=tuple(camera.name for camera in scene_cameras(scene)),
+        cameras=tuple(camera.name for camera in gltf_cameras(scene)),
         bounds=(tuple(low), tuple(high)) if count else None,
         mesh_bytes=mesh.nbytes,
         degenerate=degenerate_count(mesh, frame),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -13,6 +13,9 @@ from clgrid import procedural
 from clgrid.camera import DEFAULT_FOV, Camera, FovAxis
 from clgrid.errors import InputError
 from clgrid.mesh import Mesh, load
+
+if TYPE_CHECKING:
+    from clgrid.meshfile.gltf_cameras import GltfCamera
 
 # Bounds whose z extent is below this share of both others lie flat: terrain, sheets, plates.
 _FLAT = 0.25
@@ -136,32 +139,23 @@ def named_camera(scene: Scene, selector: str) -> Camera:
     """
     if selector.lower().endswith(".json"):
         return camera_file(Path(selector))
-    cameras = scene_cameras(scene)
+    cameras = gltf_cameras(scene)
+    chosen = [camera for camera in cameras if camera.name == selector]
     if selector.isdecimal() and int(selector) < len(cameras):
-        return cameras[int(selector)]
-    matches = [camera for camera in cameras if camera.name == selector]
-    if matches:
-        return matches[0]
-    known = ", ".join(f"{k} {camera.name!r}" for k, camera in enumerate(cameras)) or "none"
-    raise InputError(f"camera {selector!r}: not in {scene.name}, which has {known}; or give a .json file")
+        chosen = [cameras[int(selector)]]
+    if not chosen:
+        known = ", ".join(f"{k} {camera.name!r}" for k, camera in enumerate(cameras)) or "none"
+        raise InputError(f"camera {selector!r}: not in {scene.name}, which has {known}; or give a .json file")
+    if chosen[0].yfov is None:
+        raise InputError(f"camera {selector!r}: is orthographic; choose a perspective one")
+    return Camera.from_matrix(chosen[0].matrix, float(np.degrees(chosen[0].yfov)), name=chosen[0].name)
 
 
-def scene_cameras(scene: Scene) -> list[Camera]:
-    """Return the perspective cameras of the scene's file, in its order; none but for glTF.
+def gltf_cameras(scene: Scene) -> tuple[GltfCamera, ...]:
+    """Return the cameras of the scene's file, in its order; none but for glTF."""
+    from clgrid.meshfile.gltf_cameras import read_cameras
 
-    Raises
-    ------
-    InputError
-        If a camera's matrix or field of view makes no sense.
-    """
-    from clgrid.meshfile import read_cameras
-
-    if scene.path is None:
-        return []
-    return [
-        Camera.from_matrix(found.world, float(np.degrees(found.yfov)), name=found.name)
-        for found in read_cameras(scene.path)
-    ]
+    return () if scene.path is None else read_cameras(scene.path)
 
 
 class _MatrixCamera(msgspec.Struct):
