@@ -165,7 +165,7 @@ def _validate_layout(mesh: Mesh) -> None:
         _require_rows(mesh, "vertex_normals", mesh.vertex_normals, ("float32",))
         if len(mesh.vertex_normals) != len(mesh.vertices):
             raise MeshError(
-                f"{mesh.source}: {len(mesh.vertex_normals)} vertex normals for {len(mesh.vertices)} vertices; "
+                f"{mesh.source}: {len(mesh.vertex_normals)} normals for {len(mesh.vertices)} vertices; "
                 "give one normal a vertex or none"
             )
 

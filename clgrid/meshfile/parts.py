@@ -15,7 +15,8 @@ class Parts:
     """The arrays of a mesh as a reader found them; fields as in `clgrid.mesh.Mesh`.
 
     ``faces`` may be of any integer type that holds the indices of the file: `clgrid.meshfile.read` checks the
-    range and narrows them.
+    range and narrows them. ``untyped`` says that the vertices are doubles only because the file does not say
+    what they are: they become float32 where that costs no shape.
     """
 
     vertices: FloatArray
@@ -24,6 +25,7 @@ class Parts:
     geometry_starts: npt.NDArray[np.int64] | None = None
     geometry_names: tuple[str, ...] = ("",)
     warnings: tuple[str, ...] = ()
+    untyped: bool = False
 
 
 def empty(*warnings: str) -> Parts:

@@ -1,13 +1,14 @@
 """PLY: ascii and binary of both byte orders.
 
-Read here and not through trimesh, which takes seconds for a scanned model in text, copies binary data through
-structured arrays of Python objects where rows differ in length, merges nothing but reads vertices with infinite
-coordinates, and answers truncated or lying files with messages of numpy.
+Read here and not through trimesh, which takes seconds for a scanned model in text, groups polygons by their
+number of corners and so loses their order, knows no triangle strips, accepts infinite coordinates, and takes
+files with too small counts.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from clgrid.meshfile.ply_header import Element, Header, read_header
 from clgrid.meshfile.ply_tables import Table, read_binary, read_text
 from clgrid.meshfile.polygons import IntArray, fans, strips
 
+Real = TypeVar("Real", np.float32, np.float64)
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 
 
@@ -62,7 +64,8 @@ def _read_tables(data: Content, header: Header) -> dict[str, Table]:
         rest, unit = len(tokens) - end, "numbers"
     if rest:
         raise MeshError(
-            f"PLY data goes on for {rest} {unit} after what its header announces; correct the counts in the header"
+            f"PLY data goes on for {rest} {unit} after what its header announces; "
+            "correct the counts in the header"
         )
     return tables
 
@@ -76,7 +79,9 @@ def _positions(element: Element, table: Table) -> FloatArray:
         raise MeshError("PLY element 'vertex' lacks one of the properties x, y, z; repair the header")
     if all(kind in ("f4", "i1", "u1", "i2", "u2") for kind in types):
         return _columns(table, ("x", "y", "z"), element.count, np.float32)
-    return narrowed_exact(_columns(table, ("x", "y", "z"), element.count, np.float64))
+    return narrowed_exact(
+        _columns(table, ("x", "y", "z"), element.count, np.float64).astype(np.float64, copy=False)
+    )
 
 
 def _normals(element: Element, table: Table) -> npt.NDArray[np.float32] | None:
@@ -86,8 +91,8 @@ def _normals(element: Element, table: Table) -> npt.NDArray[np.float32] | None:
     return _columns(table, names, element.count, np.float32)
 
 
-def _columns(table: Table, names: tuple[str, str, str], count: int, dtype: type) -> npt.NDArray[np.floating]:
-    rows = np.empty((count, 3), dtype)
+def _columns(table: Table, names: tuple[str, str, str], count: int, dtype: type[Real]) -> npt.NDArray[Real]:
+    rows: npt.NDArray[Real] = np.empty((count, 3), dtype)
     if count:
         with np.errstate(over="ignore", invalid="ignore"):
             for axis, name in enumerate(names):
@@ -102,7 +107,7 @@ def _faces(elements: dict[str, Element], tables: dict[str, Table]) -> tuple[IntA
         flat, counts = _index_lists(elements["face"], tables["face"])
         short = int((counts < 3).sum())
         if short:
-            warnings.append(f"{short} of {len(counts)} faces have fewer than 3 corners and were left out")
+            warnings.append(f"left out: faces with fewer than 3 corners ({short} of {len(counts)})")
         found.append(fans(flat, counts))
     if "tristrips" in elements and elements["tristrips"].count:
         flat, counts = _index_lists(elements["tristrips"], tables["tristrips"])

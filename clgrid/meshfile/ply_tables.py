@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -87,14 +88,15 @@ def read_text(tokens: npt.NDArray[np.float64], offset: int, element: Element) ->
 def _require_room(element: Element, needed: int, left: int, unit: str) -> None:
     if needed > left:
         raise MeshError(
-            f"PLY header announces {element.count} rows of {element.name!r}, at least {needed} {unit}, and {left} are "
-            "left; the file is truncated or its header lies: export it again"
+            f"PLY header announces {element.count} rows of {element.name!r}, at least {needed} {unit}, "
+            f"and {left} are left; the file is truncated or its header lies: export it again"
         )
 
 
 def _truncated(element: Element, row: int) -> MeshError:
     return MeshError(
-        f"PLY data ends in row {row} of {element.count} of {element.name!r}; the file is truncated: export it again"
+        f"PLY data ends in row {row} of {element.count} of {element.name!r}; "
+        "the file is truncated: export it again"
     )
 
 
@@ -177,7 +179,7 @@ def _walk_binary(data: Content, offset: int, element: Element, order: str) -> tu
 
 
 def _steps(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
-    """For each list of a row: bytes before it, its counter, bytes of an entry; and the bytes behind the last."""
+    """For each list of a row: bytes before it, its counter, bytes of an entry; then the bytes behind all."""
     codes = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
     steps: list[tuple[int, struct.Struct, int]] = []
     skip = 0
@@ -201,7 +203,7 @@ def _gathered(
     # a row longer than a chunk makes its chunk longer: the file is at least that long
     bounds = np.searchsorted(first, np.arange(0, len(flat) + GATHER_CHUNK, GATHER_CHUNK))
     bounds = np.unique(np.concatenate([[0], bounds, [len(counts)]]))
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+    for low, high in pairwise(bounds.tolist()):
         size = counts[low:high]
         within = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
         at = np.repeat(places[low:high], size) + within * dtype.itemsize
