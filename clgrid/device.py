@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from clgrid import probe, registration
+from clgrid import pocl, probe, registration
 from clgrid.errors import DeviceError
 
 log = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ class Description:
     @property
     def is_pocl(self) -> bool:
         """Whether the driver is PoCL, which links every kernel with the system's linker."""
-        return "pocl" in self.platform_version.lower() or self.platform == "Portable Computing Language"
+        return pocl.is_pocl(self.platform_version)
 
     @property
     def is_intel_cpu(self) -> bool:
@@ -242,7 +242,7 @@ def choose(selector: str | Device | None = None) -> Device:
 
 def _default(descriptions: Sequence[Description]) -> Description:
     """The first device in the order of preference that can compile kernels."""
-    refused = []
+    refused: list[str] = []
     for description in sorted(descriptions, key=_preference):
         if not description.implicit:
             continue
@@ -354,6 +354,7 @@ def _ask_loader() -> list[tuple[Description, Any]]:
             log.debug("platform %s has no devices: %s", platform.name, error)
     found: list[Description] = []
     for index, (platform, device) in enumerate(devices):
+        pocl.name_processor(platform, device)
         found.append(_describe(cl, index, platform, device, {d.label for d in found}))
     candidates = [d for d in found if d.implicit]
     first = min(candidates, key=_preference).index if candidates else -1
@@ -397,7 +398,7 @@ def _label(platform: Any, device: Any, type_: str, taken: set[str]) -> str:
     """A short selector for the device, unlike those in ``taken``."""
     names = f"{platform.name} {platform.version}".lower()
     version = re.match(r"\d+(\.\d+)?", device.driver_version.strip())
-    if "pocl" in names:
+    if pocl.is_pocl(platform.version):
         label = f"pocl-{version.group() if version else device.driver_version.strip()}"
     elif names.startswith("intel"):
         label = "intel" if type_ == "CPU" else f"intel-{type_.lower()}"

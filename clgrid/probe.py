@@ -185,13 +185,14 @@ def main(platform: str, name: str, driver_version: str) -> None:
     """Run in the child: compile and run one kernel, write the seconds as JSON on stdout."""
     import numpy as np
 
-    from clgrid import registration
+    from clgrid import pocl, registration
 
     cl: Any = registration.opencl()
     for candidate in cl.get_platforms():
         for device in candidate.get_devices():
             found = (candidate.name.strip(), device.name.strip(), device.driver_version.strip())
             if found == (platform, name, driver_version):
+                pocl.name_processor(candidate, device)
                 start = time.perf_counter()
                 context = cl.Context([device])
                 queue = cl.CommandQueue(context)

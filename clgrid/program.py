@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from clgrid import cache, registration, structs
+from clgrid import cache, pocl, registration, structs
 from clgrid.device import Device
 from clgrid.errors import DeviceError
 
@@ -146,12 +146,14 @@ def _run_check(device: Device, check: Any, count: int) -> list[int]:
 def _prepare(device: Device) -> None:
     """Before a device's first build: it can build, and it lays structs out as numpy does.
 
-    The second is remembered on disk per driver and struct table.
+    The latter is remembered on disk per driver and struct table.
     """
     device.require_usable()
     if device in _checked:
         return
     facts = device.description
+    if facts.is_pocl:
+        pocl.remove_damaged_entries()
     source = (source_folder() / "check_structs.cl").read_text(encoding="utf-8")
     name = "structs-" + cache.key(
         facts.platform_version, facts.name, facts.driver_version, structs.declarations(), source
@@ -229,18 +231,11 @@ def _kernel_of(key: _Key, name: str) -> Any:
         found = cl.Kernel(program, name)
     except cl.LogicError as error:
         raise DeviceError(f"{key.file} has no kernel {name} on {key.device.label}: {error}") from error
-    log.warning("PoCL's kernel cache is damaged by an earlier crash: delete the folder %s", pocl_cache())
+    log.warning(
+        "PoCL's kernel cache is damaged by an earlier crash: delete the folder %s", pocl.cache_folder()
+    )
     _programs[key] = program
     return found
-
-
-def pocl_cache() -> Path:
-    """The folder where PoCL keeps compiled kernels."""
-    own = os.environ.get("POCL_CACHE_DIR")
-    if own:
-        return Path(own)
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path("~/.cache").expanduser()) / "pocl" / "kcache"
 
 
 def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -> Any:

@@ -87,7 +87,20 @@ FRAME = Struct(
     ),
 )
 
-ALL = (GRID, FRAME)
+CAMERA = Struct(
+    "CameraParams",
+    (
+        ("double", "eye", 3),
+        ("double", "forward", 3),
+        # Change of direction from a pixel to its right and to its lower neighbour.
+        ("double", "step_x", 3),
+        ("double", "step_y", 3),
+        ("uint", "width", 1),
+        ("uint", "height", 1),
+    ),
+)
+
+ALL = (GRID, FRAME, CAMERA)
 
 
 def declarations(structs: Sequence[Struct] = ()) -> str:
@@ -106,11 +119,17 @@ def declarations(structs: Sequence[Struct] = ()) -> str:
     return "".join(struct.declaration() for struct in table) + listing
 
 
+def _offset(dtype: np.dtype[np.void], member: str) -> int:
+    fields = dtype.fields
+    assert fields is not None  # every struct has members
+    return fields[member][1]
+
+
 def layout(structs: Sequence[Struct] = ()) -> list[tuple[str, int]]:
     """What numpy makes of them: (``sizeof T`` or ``T.member``, bytes), in the order of ``CLG_STRUCTS``."""
     facts: list[tuple[str, int]] = []
     for struct in structs or ALL:
         dtype = struct.dtype
         facts.append((f"sizeof {struct.name}", dtype.itemsize))
-        facts += [(f"{struct.name}.{name}", (dtype.fields or {})[name][1]) for _, name, _ in struct.members]
+        facts += [(f"{struct.name}.{name}", _offset(dtype, name)) for _, name, _ in struct.members]
     return facts
