@@ -101,17 +101,20 @@ Hit closest_hit(const Ray *ray, __constant const GridParams *grid, __global cons
     double stop = t_out;  // no hit beyond it can win
     for (;;) {
         const uint begin = cells[cell], end = cells[cell + 1];
-        for (uint r = begin; r < end; ++r)
-            keep_nearest(ray, &shear, vertices, faces, references[r], &hit);
-        if (begin != end && hit.id != NO_HIT) {
+        if (begin != end) {
+            keep_nearest_of_list(ray, &shear, vertices, faces, references + begin, end - begin, &hit);
+            // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
             const double bound = (double)hit.t + T_SLACK;
             stop = bound < stop ? bound : stop;
         }
-        const double t_exit = x.t_next < y.t_next ? (x.t_next < z.t_next ? x.t_next : z.t_next)
-                                                  : (y.t_next < z.t_next ? y.t_next : z.t_next);
-        if (stop < t_exit)
-            break;
-        if (!(t_exit == x.t_next ? step(&x, &cell) : t_exit == y.t_next ? step(&y, &cell) : step(&z, &cell)))
+        bool inside;
+        if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
+            inside = x.t_next <= stop && step(&x, &cell);
+        else if (y.t_next < z.t_next)
+            inside = y.t_next <= stop && step(&y, &cell);
+        else
+            inside = z.t_next <= stop && step(&z, &cell);
+        if (!inside)
             break;
     }
     set_weights(&shear, vertices, faces, &hit);

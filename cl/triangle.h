@@ -174,7 +174,7 @@ bool intersect_triangle(const Shear *s, __global const float *vertices, __global
 }
 
 // Takes triangle `id` as the hit if it is nearer, or as near with a lower id.
-void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices,
+__attribute__((noinline)) void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices,
                   __global const uint *faces, uint id, Hit *hit)
 {
     float t;
@@ -185,6 +185,59 @@ void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices
             hit->id = id;
         }
     }
+}
+
+// Eight triangles at once: -1 in the lanes that the edge functions do not rule out. The same float32
+// operations as in intersect_triangle, so that no lane is ruled out that the scalar test would take.
+int8 candidates(const Shear *s, float8 akx, float8 aky, float8 akz, float8 bkx, float8 bky, float8 bkz,
+                float8 ckx, float8 cky, float8 ckz)
+{
+    const float8 az = akz - s->oz, bz = bkz - s->oz, cz = ckz - s->oz;
+    const float8 ax = (akx - s->ox) - s->sx * az, ay = (aky - s->oy) - s->sy * az;
+    const float8 bx = (bkx - s->ox) - s->sx * bz, by = (bky - s->oy) - s->sy * bz;
+    const float8 cx = (ckx - s->ox) - s->sx * cz, cy = (cky - s->oy) - s->sy * cz;
+    const float8 u = cx * by - cy * bx;
+    const float8 v = ax * cy - ay * cx;
+    const float8 w = bx * ay - by * ax;
+    const int8 negative = (u < 0.0f) | (v < 0.0f) | (w < 0.0f);
+    const int8 positive = (u > 0.0f) | (v > 0.0f) | (w > 0.0f);
+    return ~(negative & positive);
+}
+
+#define GATHER8(corner, axis)                                                                       \
+    (float8)(corner[0][axis], corner[1][axis], corner[2][axis], corner[3][axis], corner[4][axis],  \
+             corner[5][axis], corner[6][axis], corner[7][axis])
+
+// keep_nearest over a list of 1 to 8 triangles.
+void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *vertices,
+                       __global const uint *faces, __global const uint *list, uint count, Hit *hit)
+{
+    __global const float *a[8], *b[8], *c[8];
+    for (uint i = 0; i < 8; ++i) {
+        // A short list is filled up with its last triangle: testing one twice changes nothing.
+        __global const uint *face = faces + 3 * (size_t)list[i < count ? i : count - 1];
+        a[i] = vertices + 3 * (size_t)face[0];
+        b[i] = vertices + 3 * (size_t)face[1];
+        c[i] = vertices + 3 * (size_t)face[2];
+    }
+    const int8 open = candidates(s, GATHER8(a, s->kx), GATHER8(a, s->ky), GATHER8(a, s->kz),
+                                 GATHER8(b, s->kx), GATHER8(b, s->ky), GATHER8(b, s->kz),
+                                 GATHER8(c, s->kx), GATHER8(c, s->ky), GATHER8(c, s->kz));
+    if (any(open)) {
+        int lanes[8];
+        vstore8(open, 0, lanes);
+        for (uint i = 0; i < count; ++i)
+            if (lanes[i])
+                keep_nearest(ray, s, vertices, faces, list[i], hit);
+    }
+}
+
+// keep_nearest over a list of any length.
+void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *vertices,
+                          __global const uint *faces, __global const uint *list, uint count, Hit *hit)
+{
+    for (uint i = 0; i < count; i += 8)
+        keep_nearest_of_8(ray, s, vertices, faces, list + i, min(count - i, 8u), hit);
 }
 
 Hit no_hit(void)

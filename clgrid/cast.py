@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from clgrid.program import kernel
 
 _NO_HIT = 0xFFFFFFFF
 _RAYS_PER_ITEM = 64
+_BRUTE_FORCE_RAYS = 16  # RAYS of cl/brute_force.cl
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
 
@@ -149,15 +151,21 @@ def _as_bounds(t_min: npt.ArrayLike, t_max: npt.ArrayLike, shape: tuple[int, ...
     return np.ascontiguousarray(np.stack(both, axis=-1))
 
 
-def cast_closest(
+# Enqueues a kernel over (inputs, number of rays, outputs), the parts of the argument list that
+# every casting kernel shares.
+Launch = Callable[[list[Any], int, list[Any], dict[str, int | str]], None]
+
+
+def run(
     target: DeviceMesh,
-    grid: CompactGrid | None,
+    launch: Launch,
+    rays_per_item: int,
     origins: npt.ArrayLike,
     directions: npt.ArrayLike | None,
     t_min: npt.ArrayLike,
     t_max: npt.ArrayLike,
 ) -> Hits:
-    """Closest hits, through the grid, or testing every triangle where ``grid`` is None."""
+    """Cast rays of any leading shape by launches of a bounded number of them."""
     o, d = as_rays(origins, directions)
     shape = o.shape[:-1]
     bounds = _as_bounds(t_min, t_max, shape)
@@ -169,8 +177,10 @@ def cast_closest(
     invalid = 0
     for start in range(0, count, _RAYS_PER_LAUNCH):
         part = slice(start, min(start + _RAYS_PER_LAUNCH, count))
-        part_bounds = bounds if len(bounds) == 1 else bounds[part]
-        invalid += _launch(target, grid, flat_o[part], flat_d[part], part_bounds, t_hit[part], ids[part], uvs[part])
+        rays = [flat_o[part], flat_d[part], bounds if len(bounds) == 1 else bounds[part]]
+        rejected = np.zeros(-(-len(rays[0]) // rays_per_item), np.uint32)
+        _launch(target.device, launch, rays, [t_hit[part], ids[part], uvs[part], rejected])
+        invalid += int(rejected.sum())
     primitive_ids = np.where(ids == _NO_HIT, -1, ids.astype(np.int64))
     return Hits(
         t_hit.reshape(shape), primitive_ids.reshape(shape), uvs.reshape(*shape, 2), invalid, target.mesh, o, d
@@ -178,54 +188,47 @@ def cast_closest(
 
 
 def _launch(
-    target: DeviceMesh,
-    grid: CompactGrid | None,
-    origins: npt.NDArray[Any],
-    directions: npt.NDArray[Any],
-    t_bounds: npt.NDArray[np.float64],
-    t_hit: npt.NDArray[np.float64],
-    ids: npt.NDArray[np.uint32],
-    uvs: npt.NDArray[np.float32],
-) -> int:
-    """One launch; fills the output arrays and returns the number of invalid rays."""
+    device: Device, launch: Launch, rays: list[npt.NDArray[Any]], results: list[npt.NDArray[Any]]
+) -> None:
+    """One launch, straight on the host arrays where the device can; fills the results."""
     import pyopencl as cl
 
-    device = target.device
     context, queue = device.context, device.queue
     read = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
     write = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
-    count = len(origins)
-    items = -(-count // _RAYS_PER_ITEM)
-    invalid = np.zeros(items, np.uint32)
-    inputs = [cl.Buffer(context, read, hostbuf=array) for array in (origins, directions, t_bounds)]
-    arrays: list[npt.NDArray[Any]] = [t_hit, ids, uvs, invalid]
-    outputs = [cl.Buffer(context, write, hostbuf=array) for array in arrays]
-    defines: dict[str, int | str] = {"RAY_REAL": "float" if origins.dtype == np.float32 else "double"}
-    if len(t_bounds) > 1:
+    inputs = [cl.Buffer(context, read, hostbuf=array) for array in rays]
+    outputs = [cl.Buffer(context, write, hostbuf=array) for array in results]
+    defines: dict[str, int | str] = {"RAY_REAL": "float" if rays[0].dtype == np.float32 else "double"}
+    if len(rays[2]) > 1:
         defines["PER_RAY_T"] = 1
-    if grid is None:
-        defines["BRUTE_FORCE"] = 1
-        structure = [_count_only_params(target)]
-    else:
-        structure = [grid.params, grid.cells, grid.references]
-    kernel(device, "cast_closest.cl", "cast_closest", **defines)(
-        queue, (items,), (1,), target.frame_params, *structure, target.vertices, target.faces,
-        *inputs, np.uint32(count), np.uint32(_RAYS_PER_ITEM), *outputs,
-    )  # fmt: skip
-    for array, buffer in zip(arrays, outputs, strict=True):
+    launch(inputs, len(rays[0]), outputs, defines)
+    for array, buffer in zip(results, outputs, strict=True):
         # Mapping is what makes the host array current; on CPU devices it moves nothing.
         mapped, _ = cl.enqueue_map_buffer(queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype)
         mapped.base.release(queue)
     queue.finish()
-    return int(invalid.sum())
 
 
-def _count_only_params(target: DeviceMesh) -> Any:
-    """The parameters that brute force reads: just the number of triangles."""
-    from clgrid.compact import plane_params
+def cast_closest(target: DeviceMesh, grid: CompactGrid, *rays: Any) -> Hits:
+    """Closest hits through the grid; ``rays`` are the last four arguments of ``run``."""
+    device = target.device
 
-    params = plane_params(target.local_bounds, (1, 1, 1), target.mesh.triangle_count)
-    return Allocator(target.device).upload(params)
+    def launch(inputs: list[Any], count: int, outputs: list[Any], defines: dict[str, int | str]) -> None:
+        kernel(device, "cast_closest.cl", "cast_closest", **defines)(
+            device.queue, (-(-count // _RAYS_PER_ITEM),), (1,), target.frame_params,
+            grid.params, grid.cells, grid.references, target.vertices, target.faces,
+            *inputs, np.uint32(count), np.uint32(_RAYS_PER_ITEM), *outputs,
+        )  # fmt: skip
+
+    return run(target, launch, _RAYS_PER_ITEM, *rays)
+
+
+def _soup(mesh: Mesh, frame: LocalFrame) -> npt.NDArray[np.float32]:
+    """(9, N) float32 local coordinates, 3 * corner + axis; N is rounded up to a multiple of 8."""
+    padded = np.zeros((9, -(-mesh.triangle_count // 8) * 8), np.float32)
+    corners = frame.to_local(mesh.vertices)[mesh.faces]
+    padded[:, : mesh.triangle_count] = corners.reshape(-1, 9).T
+    return padded
 
 
 def brute_force(
@@ -249,7 +252,19 @@ def brute_force(
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count == 0:
         return no_hits(mesh, origins, directions)
-    return cast_closest(DeviceMesh(mesh, chosen, Allocator(chosen)), None, origins, directions, t_min, t_max)
+    allocator = Allocator(chosen)
+    target = DeviceMesh(mesh, chosen, allocator)
+    soup = _soup(mesh, target.frame)
+    soup_buffer = allocator.share(soup)
+
+    def launch(inputs: list[Any], count: int, outputs: list[Any], defines: dict[str, int | str]) -> None:
+        kernel(chosen, "brute_force.cl", "brute_force", **defines)(
+            chosen.queue, (-(-count // _BRUTE_FORCE_RAYS),), (1,), target.frame_params,
+            np.uint32(mesh.triangle_count), np.uint32(soup.shape[1]), soup_buffer,
+            target.vertices, target.faces, *inputs, np.uint32(count), *outputs,
+        )  # fmt: skip
+
+    return run(target, launch, _BRUTE_FORCE_RAYS, origins, directions, t_min, t_max)
 
 
 def no_hits(mesh: Mesh, origins: npt.ArrayLike, directions: npt.ArrayLike | None) -> Hits:
