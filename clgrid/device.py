@@ -267,7 +267,7 @@ def _select(descriptions: Sequence[Description], text: str) -> Description:
     DeviceError
         If nothing matches or devices that differ match.
     """
-    matches = _matches(descriptions, text)
+    matches = matching(descriptions, text)
     distinct = {(d.platform, d.name, d.driver_version, d.version): d for d in reversed(matches)}
     if len(distinct) == 1:
         return next(iter(distinct.values()))
@@ -282,8 +282,16 @@ def _lines(descriptions: Sequence[Description]) -> str:
     return ", ".join(description.line() for description in descriptions)
 
 
-def _matches(descriptions: Sequence[Description], text: str) -> list[Description]:
-    """The devices that ``text`` may mean, by the most telling of their names that it fits."""
+def matching(descriptions: Sequence[Description], text: str) -> list[Description]:
+    """The devices that ``text`` may mean, by the most telling of their names that it fits.
+
+    Parameters
+    ----------
+    descriptions : sequence of Description
+        Among these.
+    text : str
+        A selector, see `choose`.
+    """
     if text.isdecimal():
         return [d for d in descriptions if d.index == int(text)]
     fields: list[Callable[[Description], tuple[str, ...]]] = [
