@@ -82,7 +82,8 @@ class Hits:
     def points(self) -> npt.NDArray[np.float64]:
         """(..., 3) float64: origin + t_hit * direction, in scene units; NaN on a miss."""
         t = np.where(self.mask, self.t_hit, np.nan)[..., None]
-        return self._origins.astype(np.float64) + t * self._directions.astype(np.float64)
+        points: npt.NDArray[np.float64] = self._origins + t * self._directions.astype(np.float64)
+        return points
 
 
 class DeviceMesh:
@@ -109,7 +110,9 @@ class DeviceMesh:
         self.frame_params = allocator.upload(self.frame.params())
 
 
-def as_rays(origins: npt.ArrayLike, directions: npt.ArrayLike | None) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def as_rays(
+    origins: npt.ArrayLike, directions: npt.ArrayLike | None
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Broadcast, C-contiguous (..., 3) arrays of one dtype: float32 if both are, else float64.
 
     Raises
@@ -147,7 +150,9 @@ def _as_bounds(t_min: npt.ArrayLike, t_max: npt.ArrayLike, shape: tuple[int, ...
     try:
         both = [np.broadcast_to(side, shape).reshape(-1) for side in (low, high)]
     except ValueError:
-        raise InputError(f"t_min {low.shape} and t_max {high.shape} do not broadcast to rays {shape}") from None
+        raise InputError(
+            f"t_min {low.shape} and t_max {high.shape} do not broadcast to rays {shape}"
+        ) from None
     return np.ascontiguousarray(np.stack(both, axis=-1))
 
 

@@ -59,14 +59,14 @@ def by_density(extents: npt.NDArray[np.float64], triangles: int, density: float)
         per_unit = (wanted / float(np.prod(resolution)) / float(np.prod(shares))) ** (1 / len(free))
         cells = np.rint(shares * per_unit)
         caps = np.maximum(1, np.floor(shares / _THINNEST_CELL))
-        fixed = [(axis, int(n)) for axis, n, cap in zip(free, np.minimum(cells, caps), caps, strict=True) if n < 2 or n == cap]
-        if not fixed:
+        settled = (cells < 2) | (cells >= caps)
+        if not settled.any():
             resolution[free] = cells.astype(np.int64)
             break
         # The shortest goes first: what it gives up is shared by the rest.
-        axis, count = min(fixed, key=lambda item: item[1])
-        resolution[axis] = max(1, count)
-        free.remove(axis)
+        least = int(np.argmin(np.where(settled, cells, np.inf)))
+        resolution[free[least]] = max(1, int(min(cells[least], caps[least])))
+        free.pop(least)
     return checked((int(resolution[0]), int(resolution[1]), int(resolution[2])))
 
 
