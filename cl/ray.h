@@ -41,12 +41,12 @@ bool within_interval(const Ray *ray, float t)
 // Local distances before and after which no accepted t can lie, for the grid walk.
 double first_t(const Ray *ray)
 {
-    return ray->t_min / ray->t_unit - ray->t_entry - (2.0 * T_SLACK + 0x1p-50 * ray->t_entry);
+    return ray->t_min / ray->t_unit - ray->t_entry - (2.0 * T_SLACK + 0x1p-50 * fabs(ray->t_entry));
 }
 
 double last_t(const Ray *ray)
 {
-    return ray->t_max / ray->t_unit - ray->t_entry + (2.0 * T_SLACK + 0x1p-50 * ray->t_entry);
+    return ray->t_max / ray->t_unit - ray->t_entry + (2.0 * T_SLACK + 0x1p-50 * fabs(ray->t_entry));
 }
 
 Ray prepare_ray(const double *origin, const double *direction, double t_min, double t_max,
@@ -86,7 +86,7 @@ Ray prepare_ray(const double *origin, const double *direction, double t_min, dou
 
     // A distant origin would cost the float32 test its digits: start where the ray comes near.
     if (farthest > START_LIMIT) {
-        double t_near = 0.0, t_far = INFINITY;
+        double t_near = -INFINITY, t_far = INFINITY;
         for (int a = 0; a < 3; ++a) {
             if (d[a] != 0.0) {
                 const double side = d[a] > 0.0 ? ENTRY_CUBE : -ENTRY_CUBE;
