@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 # Platforms that are never taken unless named: a checker that interprets, and Mesa's drivers, which cut
 # loops at 65,535 iterations on the CPU.
 _NEVER_IMPLICIT = ("oclgrind", "rusticl", "clover", "llvmpipe", "fpga", "emulation")
-_INSTALL = "pip install 'pyopencl[pocl]', or: pip install intel-opencl-rt intel-cmplr-lib-rt"
+INSTALL = "pip install 'pyopencl[pocl]', or: pip install intel-opencl-rt intel-cmplr-lib-rt"
 
 _lock = threading.RLock()
 _found: tuple[tuple[Description, Any], ...] | None = None
@@ -54,6 +54,8 @@ class Description:
         Whether the device may be chosen without being named.
     preferred : bool
         Whether the default order of preference puts it first.
+    note : str
+        What clgrid changed to make the device work; mostly empty.
     """
 
     index: int
@@ -74,6 +76,7 @@ class Description:
     denormals: bool
     implicit: bool
     preferred: bool
+    note: str
 
     @property
     def is_pocl(self) -> bool:
@@ -255,8 +258,8 @@ def _default(descriptions: Sequence[Description]) -> Description:
     if refused:
         raise DeviceError("no usable OpenCL device: " + " | ".join(refused))
     if descriptions:
-        raise DeviceError(f"no OpenCL device for everyday use, only {_lines(descriptions)}: {_INSTALL}")
-    raise DeviceError(f"no OpenCL device: {_INSTALL}; clgrid doctor says more")
+        raise DeviceError(f"no OpenCL device for everyday use, only {_lines(descriptions)}: {INSTALL}")
+    raise DeviceError(f"no OpenCL device: {INSTALL}; clgrid doctor says more")
 
 
 def _select(descriptions: Sequence[Description], text: str) -> Description:
@@ -272,7 +275,7 @@ def _select(descriptions: Sequence[Description], text: str) -> Description:
     if len(distinct) == 1:
         return next(iter(distinct.values()))
     if not descriptions:
-        raise DeviceError(f"no OpenCL device {text!r}, nor any other: {_INSTALL}")
+        raise DeviceError(f"no OpenCL device {text!r}, nor any other: {INSTALL}")
     if not matches:
         raise DeviceError(f"no OpenCL device matches {text!r}; there are: {_lines(descriptions)}")
     raise DeviceError(f"{text!r} matches several OpenCL devices, name one: {_lines(matches)}")
@@ -362,8 +365,10 @@ def _ask_loader() -> list[tuple[Description, Any]]:
             log.debug("platform %s has no devices: %s", platform.name, error)
     found: list[Description] = []
     for index, (platform, device) in enumerate(devices):
-        pocl.name_processor(platform, device)
-        found.append(_describe(cl, index, platform, device, {d.label for d in found}))
+        processor = pocl.name_processor(platform, device)
+        note = f"compiles for {processor}: its LLVM does not know this processor" if processor else ""
+        description = _describe(cl, index, platform, device, {d.label for d in found})
+        found.append(replace(description, note=note))
     candidates = [d for d in found if d.implicit]
     first = min(candidates, key=_preference).index if candidates else -1
     return [
@@ -399,6 +404,7 @@ def _describe(cl: Any, index: int, platform: Any, device: Any, taken: set[str]) 
         denormals=bool(single & config.DENORM),
         implicit=implicit,
         preferred=False,
+        note="",
     )
 
 

@@ -90,7 +90,7 @@ def _whole_bitcode(content: bytes) -> bool:
     return at == len(content)
 
 
-def name_processor(platform: Any, device: Any) -> bool:
+def name_processor(platform: Any, device: Any) -> str:
     """Let the PoCL of PyPI compile for a processor that its LLVM of 2022 does not know.
 
     For such a processor it compiles for "generic", which its compiler refuses ("unknown target CPU"),
@@ -105,23 +105,23 @@ def name_processor(platform: Any, device: Any) -> bool:
 
     Returns
     -------
-    bool
-        Whether the device now compiles for another processor.
+    str
+        The processor that the device now compiles for; empty if nothing was changed.
     """
     known = sys.platform == "linux" and platform.version.find(_PYPI_VERSION) >= 0
     if not known or not device.version.strip().endswith("-x86_64-unknown-linux-gnu-generic"):
-        return False
+        return ""
     place = device.int_ptr + _PYPI_PROCESSOR_OFFSET
     name = int.from_bytes(_memory(place, 8), sys.byteorder)
     if _memory(name, 8) != b"generic\0":
-        return False
+        return ""
     processor = _processor()
     # PoCL frees the name with the device, so it must be malloc's.
     libc = ctypes.CDLL(None)
     libc.strdup.restype = ctypes.c_void_p
     ctypes.c_void_p.from_address(place).value = libc.strdup(processor.encode())
     log.debug("%s compiles for %s", device.name, processor)
-    return True
+    return processor
 
 
 def _memory(address: int, count: int) -> bytes:

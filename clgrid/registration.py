@@ -8,6 +8,7 @@ inside pyopencl (PoCL from PyPI), so the folder made here repeats the system's f
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import logging
 import os
 import sys
@@ -51,6 +52,25 @@ def icd_libraries(vendors: Path) -> dict[Path, str]:
     return found
 
 
+def registered_libraries() -> dict[Path, str]:
+    """Every .icd file (or library) that the loader will read, and the library it leads to."""
+    register()
+    value = next((os.environ[v] for v in LOADER_VARIABLES if os.environ.get(v)), str(SYSTEM_VENDORS))
+    place = Path(value)
+    if place.suffix == ".icd":
+        found = {place: icd_libraries(place.parent).get(place, "")}
+    elif place.is_dir() or place == SYSTEM_VENDORS:
+        found = icd_libraries(place)
+    else:
+        found = {place: value}
+    spec = importlib.util.find_spec("pyopencl")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        for file, library in icd_libraries(Path(folder) / ".libs").items():
+            beside = file.parent / library
+            found[file] = str(beside) if beside.exists() else library
+    return found
+
+
 def user_setting() -> tuple[str, str] | None:
     """The loader variable that the user set, and its value; folders made by ``register`` do not count."""
     for variable in LOADER_VARIABLES:
@@ -66,7 +86,7 @@ def _own_folders() -> tuple[Path, ...]:
     return prefix / "etc" / "clgrid" / "icd", cache.folder() / f"icd-{cache.key(prefix)}"
 
 
-def _names_intel_cpu(library: str) -> bool:
+def is_intel_cpu(library: str) -> bool:
     """Whether an .icd line leads to Intel's CPU runtime (and not to its FPGA emulator)."""
     path = Path(library)
     return path.name == "libintelocl.so" and (not path.is_absolute() or path.exists())
@@ -104,7 +124,7 @@ def register() -> Path | None:
     library = intel_library()
     if library is None or user_setting() is not None:
         return None
-    if any(_names_intel_cpu(line) for line in icd_libraries(SYSTEM_VENDORS).values()):
+    if any(is_intel_cpu(line) for line in icd_libraries(SYSTEM_VENDORS).values()):
         return None
     for vendors in _own_folders():
         try:
