@@ -25,7 +25,5 @@
 
 // Edge functions below this are recomputed in float64: nearer zero, float32 may have underflowed.
 #define SMALLEST_EDGE 0x1p-80f
-// A projected triangle thinner than this may owe its area to rounding alone.
-#define SLIVER_WIDTH 0x1p-18f
 
 #endif

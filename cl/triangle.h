@@ -113,19 +113,9 @@ double clamp_to_box(const Shear *s, __global const float *vertices, __global con
     return t > t_far ? t_far : t;
 }
 
-// True where the vertices lie on a line (or a point): no surface to hit.
-bool has_no_area(__global const float *vertices, __global const uint *face)
-{
-    __global const float *a = vertices + 3 * (size_t)face[0];
-    __global const float *b = vertices + 3 * (size_t)face[1];
-    __global const float *c = vertices + 3 * (size_t)face[2];
-    const double e0 = (double)b[0] - (double)a[0], f0 = (double)c[0] - (double)a[0];
-    const double e1 = (double)b[1] - (double)a[1], f1 = (double)c[1] - (double)a[1];
-    const double e2 = (double)b[2] - (double)a[2], f2 = (double)c[2] - (double)a[2];
-    return e0 * f1 == e1 * f0 && e1 * f2 == e2 * f1 && e2 * f0 == e0 * f2;
-}
-
 // Completes a hit whose edge functions u, v, w do not rule it out. False: no hit after all.
+// A triangle with two equal vertices never gets here with det != 0. One whose vertices merely lie on a
+// line may, within LATERAL_ERROR: refusing it would open the seam that it closes.
 // `weights` gets the barycentric weights of the second and third vertex if it is not null.
 bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w32,
                 __global const float *vertices, __global const uint *face, float *t, float *weights)
@@ -134,7 +124,7 @@ bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w3
     const float det32 = fabs((u32 + v32) + w32);
     const float reach = max3(max3(fabs(p->ax), fabs(p->ay), fabs(p->bx)),
                              max3(fabs(p->by), fabs(p->cx), fabs(p->cy)), 0.0f);
-    const bool slender = det32 < reach * (2.0f * reach * reach + SLIVER_WIDTH);
+    const bool slender = det32 < 2.0f * reach * reach * reach;
     if (slender || min3(fabs(u32), fabs(v32), fabs(w32)) < SMALLEST_EDGE) {
         // The products of two float32 are exact in float64, hence so are the signs.
         u = (double)p->cx * (double)p->by - (double)p->cy * (double)p->bx;
@@ -147,11 +137,8 @@ bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w3
     if (det == 0.0)
         return false;
     double at = ((u * (double)p->az + v * (double)p->bz) + w * (double)p->cz) * (double)s->sz / det;
-    if (slender) {
-        if (has_no_area(vertices, face))
-            return false;
+    if (slender)
         at = clamp_to_box(s, vertices, face, at);
-    }
     *t = (float)at;
     if (weights) {
         weights[0] = (float)(v / det);
