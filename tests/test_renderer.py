@@ -119,6 +119,23 @@ def test_vertices_without_a_usable_normal_take_the_faces(device, value):
     assert bits(image) == bits(flat)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_one_vertex_without_a_normal_takes_the_faces(device, sign):
+    normals = np.array([[0, 0, 0], [0.6, 0, 0.8], [0, 0.6, 0.8]], np.float32) * np.float32(sign)
+    triangle = Mesh(
+        np.array([[-3, -3, 0], [3, -3, 0], [-3, 3, 0]], np.float32),
+        np.array([[0, 1, 2]], np.uint32),
+        vertex_normals=normals,
+    )
+    image = render(triangle, FRONT, 33, 33, ("normal",), device=device)
+    origins, directions = FRONT.rays(33, 33)
+    hits = build(triangle, device=device).cast(origins, directions)
+    u, v = np.moveaxis(hits.primitive_uvs[hits.mask].astype(np.float64), -1, 0)
+    expected = (1 - u - v)[:, None] * [0, 0, 1] + u[:, None] * [0.6, 0, 0.8] + v[:, None] * [0, 0.6, 0.8]
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(image.normal[hits.mask], expected, atol=1e-6)
+
+
 def test_geometries_are_told_apart(device):
     ball = icosphere(1)
     both = Mesh(

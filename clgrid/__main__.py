@@ -1,0 +1,5 @@
+"""``python -m clgrid`` is ``clgrid``."""
+
+from clgrid.cli import main
+
+main()
