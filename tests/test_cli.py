@@ -132,7 +132,8 @@ def test_quiet_says_nothing(run, device):
 def test_camera_and_grid_options_arrive(run, device):
     done = run(
         "render", "cube", "-o", "a.exr", "--size", "20x10", "--aov", "depth", "--eye=-7,0,0",
-        "--look-at", "0,0,0", "--up=-z", "--fov", "30", "--resolution", "2x3x4", "--background", "#ff0000", "--json",
+        "--look-at", "0,0,0", "--up=-z", "--fov", "30", "--resolution", "2x3x4",
+        "--background", "#ff0000", "--json",
         "--device", device.label,
     )  # fmt: skip
     assert decode(done.out, RenderRecord).row.resolution == (2, 3, 4)
