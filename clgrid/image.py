@@ -226,6 +226,9 @@ def _write(
         if isinstance(value, np.ndarray):
             # Row vectors, the order of OpenEXR and Imath.
             specs[0].attribute(key, "matrix", tuple(float(x) for x in value.T.ravel()))
+        elif isinstance(value, int) and not -(2**31) <= value < 2**31:
+            # Integer attributes have 32 bits.
+            specs[0].attribute(key, str(value))
         else:
             specs[0].attribute(key, value)
     out = oiio.ImageOutput.create(str(path))

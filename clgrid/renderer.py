@@ -235,7 +235,7 @@ def _metadata(
         "clgrid:kernel_options": " ".join(f"-D{key}={value}" for key, value in options.items()),
         "clgrid:layout": grid.layout,
         "clgrid:accuracy": grid.accuracy,
-        "clgrid:grid_bytes": str(grid.nbytes),
+        "clgrid:grid_bytes": grid.nbytes,
         "clgrid:camera_name": camera.name,
         "clgrid:camera_eye": _text(camera.eye),
         "clgrid:camera_forward": _text(camera.forward),
@@ -247,7 +247,7 @@ def _metadata(
     if not grid.empty:
         made = grid.compact
         entries["clgrid:resolution"] = "x".join(map(str, made.resolution))
-        entries["clgrid:references"] = str(made.reference_count)
+        entries["clgrid:references"] = made.reference_count
         entries["clgrid:upload_s"] = grid.upload_s
         for stage, value in made.build_s.items():
             entries[f"clgrid:build_{stage}_s"] = value

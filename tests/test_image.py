@@ -28,6 +28,7 @@ def picture(height: int = 13, width: int = 7) -> Image:
             "Software": "clgrid test",
             "worldToCamera": np.arange(16.0).reshape(4, 4),
             "clgrid:triangles": 7,
+            "clgrid:grid_bytes": 2**33,
             "clgrid:render_s": 0.25,
         },
     )
@@ -73,6 +74,7 @@ def test_metadata_come_back(tmp_path):
     found = read_image(tmp_path / "a.exr").metadata
     assert found["Software"] == "clgrid test"
     assert found["clgrid:triangles"] == 7
+    assert found["clgrid:grid_bytes"] == str(2**33)
     assert found["clgrid:render_s"] == 0.25
     # Row vectors: the transpose of ours.
     np.testing.assert_array_equal(np.reshape(found["worldToCamera"], (4, 4)).T, np.arange(16.0).reshape(4, 4))

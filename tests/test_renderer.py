@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clgrid import renderer
 from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.grid import build
@@ -74,7 +75,7 @@ def test_pictures_are_the_same_bits_on_every_device(all_devices, smooth):
         assert other == first
 
 
-def test_layout_of_the_work_does_not_change_the_picture(device):
+def test_layout_of_the_work_does_not_change_the_picture(device, monkeypatch):
     mesh = icosphere(3)
     whole = bits(render(mesh, FRONT, 50, 333, AOVS, device=device))
     shares: list[float] = []
@@ -82,6 +83,11 @@ def test_layout_of_the_work_does_not_change_the_picture(device):
     assert len(shares) > 8
     assert shares == sorted(shares)
     assert shares[-1] == 1
+    monkeypatch.setattr(renderer, "_LARGEST_BUFFER", 16 * 50 * 20)
+    assert [last - first for first, last in renderer._bands(50, 333, device, watched=False)] == [16] * 20 + [
+        13
+    ]
+    assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device)) == whole
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, density=0.1)) == whole
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, resolution=(1, 40, 3))) == whole
 
