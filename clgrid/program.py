@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 import hashlib
 import logging
 import os
 import re
+import shutil
+import tempfile
 import threading
 import time
 import warnings
@@ -27,14 +30,17 @@ _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.MULTILINE)
 _ERROR = re.compile(r"^(?:error: )?(?P<where>[^\s:]*:\d+:\d+:)? ?(?:fatal )?error: .*$", re.MULTILINE)
 
 _lock = threading.RLock()
-_programs: dict[_Key, Any] = {}
+_programs: dict[_Variant, Any] = {}
 _builds: list[Build] = []
 _checked: set[Device] = set()
+_swept: set[Device] = set()
 _local = threading.local()
 
 
 @dataclass(frozen=True)
-class _Key:
+class _Variant:
+    """A file with its options on a device; ``digest`` is of the file and all it includes."""
+
     device: Device
     file: str
     digest: str
@@ -90,20 +96,21 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
     DeviceError
         If the device cannot build kernels at all, the file does not compile (with the compiler's first
         error) or has no such kernel.
+    ValueError
+        If a macro cannot be passed to every OpenCL compiler.
     """
-    kernels: dict[tuple[_Key, str], Any] = _local.__dict__.setdefault("kernels", {})
-    key = _Key(device, file, _digest(file), _options(defines))
-    if (key, name) not in kernels:
+    kernels: dict[tuple[_Variant, str], Any] = _local.__dict__.setdefault("kernels", {})
+    variant = _Variant(device, file, _digest(file), _options(defines))
+    if (variant, name) not in kernels:
         with _lock:
-            _prepare(device)
-            kernels[key, name] = _kernel_of(key, name)
-    return kernels[key, name]
+            _check_once(device)
+            kernels[variant, name] = _fetch(variant, name)
+    return kernels[variant, name]
 
 
 def compile_seconds(device: Device) -> float:
     """Seconds that first builds of programs took on ``device`` in this process."""
-    with _lock:
-        return sum(build.seconds for build in _builds if build.device is device)
+    return sum(build.seconds for build in builds(device))
 
 
 def builds(device: Device) -> list[Build]:
@@ -113,7 +120,14 @@ def builds(device: Device) -> list[Build]:
 
 
 def check_structs(device: Device, table: Sequence[structs.Struct] = ()) -> None:
-    """Assert on the device that the structs of the table are laid out as numpy lays them out.
+    """Assert on the device that structs are laid out as numpy lays them out.
+
+    Parameters
+    ----------
+    device : Device
+        Where to check.
+    table : sequence of Struct
+        Instead of the whole table.
 
     Raises
     ------
@@ -122,9 +136,8 @@ def check_structs(device: Device, table: Sequence[structs.Struct] = ()) -> None:
     """
     expected = structs.layout(table)
     with _lock:
-        device.require_usable()
-        program = _compile(device, "check_structs.cl", (), structs.declarations(table))
-        check = registration.opencl().Kernel(program, "check_structs")
+        prologue = structs.declarations(table)
+        _, check = _kernel_of(device, "check_structs.cl", (), prologue, "check_structs")
         found = _run_check(device, check, len(expected))
     for (what, size), reported in zip(expected, found, strict=True):
         if size != reported:
@@ -143,17 +156,11 @@ def _run_check(device: Device, check: Any, count: int) -> list[int]:
     return [int(value) for value in found]
 
 
-def _prepare(device: Device) -> None:
-    """Before a device's first build: it can build, and it lays structs out as numpy does.
-
-    The latter is remembered on disk per driver and struct table.
-    """
-    device.require_usable()
+def _check_once(device: Device) -> None:
+    """``check_structs`` before a device's first program; remembered on disk per driver and struct table."""
     if device in _checked:
         return
     facts = device.description
-    if facts.is_pocl:
-        pocl.remove_damaged_entries()
     source = (source_folder() / "check_structs.cl").read_text(encoding="utf-8")
     name = "structs-" + cache.key(
         facts.platform_version, facts.name, facts.driver_version, structs.declarations(), source
@@ -162,6 +169,93 @@ def _prepare(device: Device) -> None:
         check_structs(device)
         cache.store(name, {"driver": facts.driver_version})
     _checked.add(device)
+
+
+def _fetch(variant: _Variant, name: str) -> Any:
+    """The kernel of a variant, which is built and timed if it is new."""
+    start, known = time.perf_counter(), _programs.get(variant)
+    program, found = _kernel_of(
+        variant.device, variant.file, variant.options, structs.declarations(), name, known
+    )
+    if known is None:
+        seconds = time.perf_counter() - start
+        _builds.append(Build(variant.device, variant.file, variant.options, seconds))
+    _programs[variant] = program
+    return found
+
+
+def _kernel_of(
+    device: Device, file: str, options: Sequence[str], prologue: str, name: str, built: Any = None
+) -> tuple[Any, Any]:
+    """The program (``built``, if it is already) and its kernel ``name``.
+
+    Raises
+    ------
+    DeviceError
+        If the file does not compile or has no such kernel.
+    """
+    cl = registration.opencl()
+    program = built or _compile(device, file, options, prologue)
+    try:
+        return program, cl.Kernel(program, name)
+    except cl.LogicError as error:
+        if "INVALID_KERNEL_NAME" not in str(error) or not device.description.is_pocl:
+            raise DeviceError(f"{file} has no kernel {name} on {device.label}: {error}") from error
+    # A PoCL that died while it made this program's code left an entry without kernels in its cache.
+    # Another source text is another entry.
+    salt = f"typedef int clg_again_{os.getpid()}_{time.time_ns()};\n"
+    program = _compile(device, file, options, prologue + salt)
+    try:
+        found = cl.Kernel(program, name)
+    except cl.LogicError as error:
+        raise DeviceError(f"{file} has no kernel {name} on {device.label}: {error}") from error
+    folder = pocl.cache_folder()
+    log.warning("PoCL's kernel cache is damaged by an earlier crash: delete the folder %s", folder)
+    return program, found
+
+
+def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -> Any:
+    """Build ``file`` behind ``prologue``, its errors reported with the file's own line numbers.
+
+    Raises
+    ------
+    DeviceError
+        With the compiler's first error, or if the device cannot build at all.
+    """
+    _make_ready(device)
+    cl = registration.opencl()
+    folder = source_folder()
+    source = f'{prologue}#line 1 "{file}"\n{(folder / file).read_text(encoding="utf-8")}'
+    arguments = ["-I", str(_include_folder(folder)), f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
+    with warnings.catch_warnings():
+        # Intel's compiler says that it started and finished, which pyopencl takes for a warning.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        try:
+            return cl.Program(device.context, source).build(arguments)
+        except cl.Error as error:
+            what = _first_error(str(error))
+            raise DeviceError(f"{file} does not compile on {device.label}: {what}") from error
+
+
+def _make_ready(device: Device) -> None:
+    """Before a device's first build: it can build, and its cache holds nothing that breaks it."""
+    device.require_usable()
+    if device not in _swept:
+        if device.description.is_pocl:
+            pocl.remove_damaged_entries()
+        _swept.add(device)
+
+
+@functools.cache
+def _include_folder(folder: Path) -> Path:
+    """``folder``, or a link to it if its path has blanks: PoCL splits options there, quoted or not."""
+    if not re.search(r"\s", str(folder)):
+        return folder
+    place = Path(tempfile.mkdtemp(prefix="clgrid-"))
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    link = place / "cl"
+    link.symlink_to(folder, target_is_directory=True)
+    return link
 
 
 def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
@@ -174,7 +268,7 @@ def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
     """
     options = []
     for macro, value in sorted(defines.items()):
-        text = str(int(value)) if isinstance(value, int) else value
+        text = value if isinstance(value, str) else str(int(value))
         if not macro.isidentifier() or re.search(r"[\s\"'\\]", text):
             raise ValueError(f"-D{macro}={text!r} is not a macro that every OpenCL compiler takes")
         options.append(f"-D{macro}={text}")
@@ -196,7 +290,7 @@ def _reachable(path: Path) -> list[Path]:
     Raises
     ------
     DeviceError
-        If the file is not part of the package.
+        If one of them is not there.
     """
     found: list[Path] = []
     waiting = [path]
@@ -209,57 +303,6 @@ def _reachable(path: Path) -> list[Path]:
         found.append(current)
         waiting += [source_folder() / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
     return found
-
-
-def _kernel_of(key: _Key, name: str) -> Any:
-    """The kernel, rebuilt under another cache key where the driver's cache lost it."""
-    cl = registration.opencl()
-    if key not in _programs:
-        start = time.perf_counter()
-        _programs[key] = _compile(key.device, key.file, key.options, structs.declarations())
-        _builds.append(Build(key.device, key.file, key.options, time.perf_counter() - start))
-    try:
-        return cl.Kernel(_programs[key], name)
-    except cl.LogicError as error:
-        if "INVALID_KERNEL_NAME" not in str(error) or not key.device.description.is_pocl:
-            raise DeviceError(f"{key.file} has no kernel {name} on {key.device.label}: {error}") from error
-    # A PoCL that aborted while it built this program left an entry without kernels in its cache. Another
-    # source text is another entry.
-    salt = f"\ntypedef int clg_again_{os.getpid()}_{time.time_ns()};\n"
-    program = _compile(key.device, key.file, key.options, structs.declarations() + salt)
-    try:
-        found = cl.Kernel(program, name)
-    except cl.LogicError as error:
-        raise DeviceError(f"{key.file} has no kernel {name} on {key.device.label}: {error}") from error
-    log.warning(
-        "PoCL's kernel cache is damaged by an earlier crash: delete the folder %s", pocl.cache_folder()
-    )
-    _programs[key] = program
-    return found
-
-
-def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -> Any:
-    """Build ``file`` behind ``prologue``, its errors reported with the file's own line numbers.
-
-    Raises
-    ------
-    DeviceError
-        With the compiler's first error.
-    """
-    cl = registration.opencl()
-    folder = str(source_folder())
-    text = (source_folder() / file).read_text(encoding="utf-8")
-    source = f'{prologue}#line 1 "{file}"\n{text}'
-    include = f'"{folder}"' if " " in folder else folder
-    arguments = ["-I", include, f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
-    with warnings.catch_warnings():
-        # Intel's compiler says that it started and finished, which pyopencl takes for a warning.
-        warnings.simplefilter("ignore", cl.CompilerWarning)
-        try:
-            return cl.Program(device.context, source).build(arguments)
-        except cl.Error as error:
-            what = _first_error(str(error))
-            raise DeviceError(f"{file} does not compile on {device.label}: {what}") from error
 
 
 def _first_error(message: str) -> str:
