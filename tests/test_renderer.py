@@ -84,9 +84,8 @@ def test_layout_of_the_work_does_not_change_the_picture(device, monkeypatch):
     assert shares == sorted(shares)
     assert shares[-1] == 1
     monkeypatch.setattr(renderer, "_LARGEST_BUFFER", 16 * 50 * 20)
-    assert [last - first for first, last in renderer._bands(50, 333, device, watched=False)] == [16] * 20 + [
-        13
-    ]
+    bands = renderer._bands(50, 333, device, watched=False)
+    assert [last - first for first, last in bands] == [16] * 20 + [13]
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device)) == whole
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, density=0.1)) == whole
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, resolution=(1, 40, 3))) == whole
