@@ -140,6 +140,6 @@ def _usable_normals(parts: Parts) -> tuple[npt.NDArray[np.float32] | None, tuple
     normals = parts.vertex_normals
     if normals is None or not normals.size or np.isfinite([normals.min(), normals.max()]).all():
         return normals, parts.warnings
-    bad = ~np.isfinite(normals).all(axis=1)
+    bad: npt.NDArray[np.bool_] = np.logical_not(np.isfinite(normals).all(axis=1))
     warning = f"left out: vertex normals that are NaN or infinite ({int(bad.sum())})"
     return np.where(bad[:, None], np.float32(0), normals), (*parts.warnings, warning)

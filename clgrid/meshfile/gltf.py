@@ -1,7 +1,7 @@
 """glTF 2.0 and GLB: the default scene, flattened into one mesh.
 
 Read here and not through trimesh, which leaves out triangle strips and fans, lets indices beyond the vertices
-and infinite vertices through, takes a cycle of nodes and a truncated GLB for an empty scene, and opens textures.
+and infinite vertices through, takes a cycle of nodes or a truncated GLB for an empty scene, opens textures.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Draw:
 def parse(data: Content, path: Path) -> Parts:
     """Read a glTF or GLB file: one geometry a primitive and node, transformed in float64.
 
-    Vertices stay float32 where no node moves anything. Triangles of a mirroring node are turned, as glTF asks,
-    so that their front stays their front. Textures are not opened.
+    Vertices stay float32 where no node moves anything. Triangles of a mirroring node are turned, as glTF
+    asks, so that their front stays their front. Textures are not opened.
 
     Raises
     ------
@@ -239,7 +239,8 @@ def _require_possible(vertices: int, faces: int, vertex_bytes: int) -> None:
 def _orientation(world: Matrix) -> float:
     """Determinant of the linear part: negative where the node mirrors."""
     a, b, c = world[:3, :3]
-    return float((a * _cross(b, c)).sum())
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float((a * _cross(b, c)).sum())
 
 
 def _cross(a: Matrix, b: Matrix) -> Matrix:
@@ -269,12 +270,12 @@ def _move_normals(normals: npt.NDArray[np.floating], world: Matrix, out: npt.NDA
         return
     linear = world[:3, :3]
     largest = float(np.abs(linear).max())
-    a, b, c = linear / largest if 0 < largest < np.inf else linear
-    cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
-    if _orientation(world) < 0:
-        cofactors = -cofactors
     moved = np.empty((len(normals), 3), np.float64)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        a, b, c = linear / largest if 0 < largest < np.inf else linear
+        cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
+        if _orientation(world) < 0:
+            cofactors = -cofactors
         x, y, z = (normals[:, axis].astype(np.float64) for axis in range(3))
         for axis in range(3):
             moved[:, axis] = (x * cofactors[axis, 0] + y * cofactors[axis, 1]) + z * cofactors[axis, 2]

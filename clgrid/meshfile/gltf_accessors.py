@@ -76,7 +76,7 @@ class Accessors:
         return data
 
     def check_all(self, contents: bool) -> None:
-        """Refuse missing buffers and dangling references or ranges; with ``contents`` also NaN and infinities.
+        """Refuse missing buffers and dangling references; with ``contents`` also NaN and infinities.
 
         Raises
         ------

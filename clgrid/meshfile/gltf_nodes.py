@@ -50,7 +50,9 @@ def placed_nodes(gltf: Gltf) -> list[Placed]:
         if reached[number]:
             raise MeshError(f"glTF node {number} is drawn twice by its scene; repair or re-export the file")
         reached[number] = True
-        world = product(parent, _local(node, number))
+        # what overflows here ends as an infinite vertex, which is refused with its place
+        with np.errstate(over="ignore", invalid="ignore"):
+            world = product(parent, _local(node, number))
         found.append(Placed(number, node, world))
         todo.extend((child, world) for child in reversed(node.children))
     return found

@@ -1,7 +1,7 @@
-"""Wavefront OBJ: polygons with their objects, groups, materials and normals; texture coordinates are skipped.
+"""Wavefront OBJ: polygons with their objects, groups, material names and normals.
 
-Read here and not through trimesh, which reorders triangles by material, takes index 0 for the last vertex, and
-drops faces it does not understand without a word.
+Read here and not through trimesh, which reorders triangles by material, takes index 0 for the last vertex,
+and drops faces it does not understand without a word.
 """
 
 from __future__ import annotations

@@ -147,6 +147,8 @@ def _walk_binary(data: Content, offset: int, element: Element, order: str) -> tu
     """Rows of varying length, one after the other: the offset of a row is only known from the one before."""
     view = memoryview(data)
     steps, tail = _steps(element, order)
+    if len(steps) == 1 and steps[0][1].size == 1 and steps[0][1].format.endswith("B"):
+        return _walk_bytes(view, offset, element, order, steps[0], tail)
     places: list[list[int]] = [[] for _ in steps]
     counts: list[list[int]] = [[] for _ in steps]
     end = len(data)
@@ -178,6 +180,38 @@ def _walk_binary(data: Content, offset: int, element: Element, order: str) -> tu
     return table, offset
 
 
+def _walk_bytes(
+    view: memoryview,
+    offset: int,
+    element: Element,
+    order: str,
+    step: tuple[int, struct.Struct, int],
+    tail: int,
+) -> tuple[Table, int]:
+    """Rows with one list whose length is a byte: the usual mix of polygons, several times faster."""
+    skip, _, item = step
+    lengths: list[int] = []
+    append = lengths.append
+    jumps = [1 + length * item + tail + skip for length in range(256)]
+    place = offset + skip
+    try:
+        for _ in range(element.count):
+            length = view[place]
+            append(length)
+            place += jumps[length]
+    except IndexError:
+        raise _truncated(element, len(lengths)) from None
+    end = place - skip
+    if end > len(view):
+        raise _truncated(element, element.count - 1)
+    sizes = np.array(lengths, np.int64)
+    widths = skip + 1 + sizes * item + tail
+    places = offset + np.cumsum(widths) - widths + skip + 1
+    entry = next(entry for entry in element.properties if entry.count_type is not None)
+    table = Table(lists={entry.name: (_gathered(view, places, sizes, np.dtype(order + entry.type)), sizes)})
+    return table, end
+
+
 def _steps(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """For each list of a row: bytes before it, its counter, bytes of an entry; then the bytes behind all."""
     codes = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
@@ -194,21 +228,28 @@ def _steps(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct,
 
 
 def _gathered(
-    data: Content, places: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], dtype: np.dtype[np.generic]
+    data: Content | memoryview,
+    places: npt.NDArray[np.int64],
+    counts: npt.NDArray[np.int64],
+    dtype: np.dtype[np.generic],
 ) -> npt.NDArray[np.generic]:
     """Collect the list entries at byte offsets ``places``, ``counts`` of them each."""
-    source = np.frombuffer(data, np.uint8)
-    flat = np.empty((int(counts.sum()), dtype.itemsize), np.uint8)
+    flat = np.empty(int(counts.sum()), dtype)
+    if not len(flat):
+        return flat
+    # an entry may begin at any byte: one overlapping, unaligned view of them all
+    source: npt.NDArray[np.generic] = np.ndarray(len(data) - dtype.itemsize + 1, dtype, data, strides=(1,))
     first = np.cumsum(counts) - counts
     # a row longer than a chunk makes its chunk longer: the file is at least that long
     bounds = np.searchsorted(first, np.arange(0, len(flat) + GATHER_CHUNK, GATHER_CHUNK))
     bounds = np.unique(np.concatenate([[0], bounds, [len(counts)]]))
     for low, high in pairwise(bounds.tolist()):
         size = counts[low:high]
-        within = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
-        at = np.repeat(places[low:high], size) + within * dtype.itemsize
-        flat[first[low] : first[low] + len(at)] = source[at[:, None] + np.arange(dtype.itemsize)]
-    return flat.reshape(-1).view(dtype)
+        # start of each row, less the entries of the rows before it
+        shift = places[low:high] - (first[low:high] - first[low]) * dtype.itemsize
+        within = np.arange(int(size.sum())) * dtype.itemsize
+        flat[first[low] : first[low] + len(within)] = source[np.repeat(shift, size) + within]
+    return flat
 
 
 def _whole(tokens: npt.NDArray[np.float64], at: int, element: Element, entry: Property, row: int) -> int:

@@ -41,8 +41,8 @@ def parse(data: Content, path: Path) -> Parts:
     if held >= announced and not data[HEADER + announced * FACET.itemsize :].strip(b"\0 \t\r\n"):
         return _binary(data, announced)
     raise MeshError(
-        f"STL header announces {announced} triangles, and {held} and {rest} bytes follow; the file is truncated "
-        "or its header lies: export it again"
+        f"STL header announces {announced} triangles, and {held} and {rest} bytes follow; "
+        "the file is truncated or its header lies: export it again"
     )
 
 
