@@ -156,7 +156,7 @@ def _child_error(command: list[str]) -> str:
     if child.returncode == 0:
         return ""
     lines = [line.strip() for line in child.stderr.splitlines() if line.strip()]
-    return lines[-1][:300] if lines else f"exit code {child.returncode}"
+    return lines[-1][:300] if lines and child.returncode > 0 else probe.ending(child.returncode)
 
 
 def _listing() -> Finding:

@@ -124,8 +124,13 @@ def explain(output: str, returncode: int) -> tuple[str, str]:
         )
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     said = next((line for line in lines if "error" in line.lower()), lines[-1] if lines else "no message")
-    how = f"killed by {signal.Signals(-returncode).name}" if returncode < 0 else f"exit code {returncode}"
-    return f"compiling a small kernel failed ({how}): {said[:200]}", f"use another device: {_INTEL}"
+    failure = f"compiling a small kernel failed ({ending(returncode)}): {said[:200]}"
+    return failure, f"use another device: {_INTEL}"
+
+
+def ending(returncode: int) -> str:
+    """How a process ended, in words."""
+    return f"killed by {signal.Signals(-returncode).name}" if returncode < 0 else f"exit code {returncode}"
 
 
 def linker_cure() -> str:

@@ -57,12 +57,12 @@ def registered_libraries() -> dict[Path, str]:
     register()
     value = next((os.environ[v] for v in LOADER_VARIABLES if os.environ.get(v)), str(SYSTEM_VENDORS))
     place = Path(value)
+    # Naming one file leaves out all others, those inside pyopencl too.
     if place.suffix == ".icd":
-        found = {place: icd_libraries(place.parent).get(place, "")}
-    elif place.is_dir() or place == SYSTEM_VENDORS:
-        found = icd_libraries(place)
-    else:
-        found = {place: value}
+        return {place: icd_libraries(place.parent).get(place, "")}
+    if not place.is_dir() and place != SYSTEM_VENDORS:
+        return {place: value}
+    found = icd_libraries(place)
     spec = importlib.util.find_spec("pyopencl")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for file, library in icd_libraries(Path(folder) / ".libs").items():
