@@ -82,13 +82,12 @@ def variants(mesh: Mesh) -> tuple[str, ...]:
 
 
 def degenerate_count(mesh: Mesh, frame: LocalFrame) -> int:
-    """Count the triangles whose local vertices lie on a line or in a point: no ray hits them."""
+    """Count the triangles whose local vertices lie on a line or in a point."""
     found = 0
     for start in range(0, mesh.triangle_count, _CHUNK):
         part = mesh.faces[start : start + _CHUNK]
         corners = frame.to_local(mesh.vertices[part.reshape(-1)]).astype(np.float64).reshape(-1, 3, 3)
         e, f = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        # The comparison that the kernels make (has_no_area in cl/triangle.h).
         flat = (e * np.roll(f, -1, 1) == np.roll(e, -1, 1) * f).all(axis=1)
         found += int(np.count_nonzero(flat))
     return found

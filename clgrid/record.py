@@ -125,7 +125,7 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     mesh_bytes : int
         Of the host arrays.
     degenerate : int
-        Triangles without area, which no ray hits.
+        Triangles whose vertices lie on a line or in a point.
     frame_offset, frame_exponent
         ``local = (scene - offset) * 2**-exponent``.
     max_rounding : float

@@ -47,7 +47,7 @@ def _lines(found: InfoRecord) -> list[tuple[str, str]]:
         offset = ", ".join(f"{value:.9g}" for value in found.frame_offset)
         lines += [
             ("bounds", f"({low}) to ({high})"),
-            ("degenerate", f"{found.degenerate:,} triangles without area, which no ray hits"),
+            ("degenerate", f"{found.degenerate:,} triangles without area"),
             ("local frame", f"offset ({offset}), scale 2^{-found.frame_exponent}, {rounding}"),
             (
                 "grid",
