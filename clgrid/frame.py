@@ -52,9 +52,10 @@ class LocalFrame:
         low, high = bounds
         smaller, larger = np.minimum(np.abs(low), np.abs(high)), np.maximum(np.abs(low), np.abs(high))
         far = (low > 0) == (high > 0)
-        far &= (low != 0) & (high != 0) & (larger <= 2 * smaller)
+        far &= (low != 0) & (high != 0) & (larger / 2 <= smaller)
         # float32, so that the difference to a float32 vertex needs no more digits than it has.
-        middle = (low + (high - low) / 2).astype(np.float32).astype(np.float64)
+        with np.errstate(over="ignore"):
+            middle = (low / 2 + high / 2).astype(np.float32).astype(np.float64)
         middle = np.where(np.isfinite(middle), middle, low)
         offset = np.where(far, np.clip(middle, low, high), 0.0)
         reach = float(np.max(np.abs(bounds - offset)))

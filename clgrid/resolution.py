@@ -19,6 +19,8 @@ _FLATTEST = 2.0**-20
 _THINNEST_CELL = 8 * BOX_PAD
 # References are found by 32-bit offsets; the margin keeps a slab's end below 2^32 too.
 MOST_CELLS = 2**32 - 2**17
+# The walk counts the cells of one axis in a signed integer.
+_MOST_ALONG_AXIS = 2**31 - 1
 
 
 def by_density(extents: npt.NDArray[np.float64], triangles: int, density: float) -> tuple[int, int, int]:
@@ -71,13 +73,26 @@ def by_density(extents: npt.NDArray[np.float64], triangles: int, density: float)
 
 
 def checked(resolution: tuple[int, int, int]) -> tuple[int, int, int]:
-    """The resolution itself, if every axis has a cell and the cells can be numbered in 32 bits."""
-    if len(resolution) != 3 or any(int(n) != n or n < 1 for n in resolution):
+    """The resolution itself, if every axis has a cell and the cells can be numbered in 32 bits.
+
+    Raises
+    ------
+    InputError
+        If it is not three whole numbers of at least 1.
+    GridTooLargeError
+        If cells cannot be numbered.
+    """
+    try:
+        x, y, z = (int(n) for n in resolution)
+        whole = (x, y, z) == tuple(resolution) and min(x, y, z) >= 1
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole:
         raise InputError(f"resolution is {resolution}; give three whole numbers of at least 1")
-    cells = int(resolution[0]) * int(resolution[1]) * int(resolution[2])
-    if cells > MOST_CELLS:
+    cells = x * y * z
+    if cells > MOST_CELLS or max(x, y, z) > _MOST_ALONG_AXIS:
         raise GridTooLargeError(
-            f"resolution {resolution[0]}x{resolution[1]}x{resolution[2]} has {cells:,} cells, more than"
-            f" {MOST_CELLS:,}; lower the density or the resolution"
+            f"resolution {x}x{y}x{z} has {cells:,} cells, more than {MOST_CELLS:,}, or more than"
+            f" {_MOST_ALONG_AXIS:,} along an axis; lower the density or the resolution"
         )
-    return int(resolution[0]), int(resolution[1]), int(resolution[2])
+    return x, y, z

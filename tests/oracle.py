@@ -254,13 +254,17 @@ def exact_t(origin: F32, direction: F32, triangle: F32) -> Fraction | None:
 
 
 def exact_lists(
-    vertices: F32, faces: npt.NDArray[np.uint32], lower: F64, cell_size: F64, resolution: tuple[int, int, int],
+    vertices: F32,
+    faces: npt.NDArray[np.uint32],
+    planes: npt.NDArray[np.void],
+    resolution: tuple[int, int, int],
     pad: float,
-) -> list[list[int]]:  # fmt: skip
+) -> list[list[int]]:
     """The triangles of each closed cell that their box, padded by ``pad``, touches. All exact.
 
-    Plane k lies at lower + k * cell_size, without rounding.
+    Plane k lies at lower + k * cell_size of the GridParams record, without rounding.
     """
+    lower, cell_size = planes["lower"], planes["cell_size"]
     lists: list[list[int]] = [[] for _ in range(int(np.prod(resolution)))]
     corners = vertices[faces]
     lows, highs = corners.min(axis=1), corners.max(axis=1)
