@@ -61,3 +61,19 @@ def store(name: str, record: dict[str, Any]) -> None:
         write_whole(folder() / f"{name}.json", json.dumps(record))
     except OSError as error:
         log.debug("cache folder %s cannot be written: %s", folder(), error)
+
+
+def link(path: Path, target: Path) -> bool:
+    """Make ``path`` a symbolic link to ``target``; False if that cannot be done."""
+    if path.is_symlink() and os.readlink(path) == str(target):
+        return True
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent) as beside:
+            fresh = Path(beside) / path.name
+            fresh.symlink_to(target, target_is_directory=True)
+            os.replace(fresh, path)
+    except OSError as error:
+        log.debug("%s cannot be linked: %s", path, error)
+        return False
+    return True

@@ -248,13 +248,17 @@ def _make_ready(device: Device) -> None:
 
 @functools.cache
 def _include_folder(folder: Path) -> Path:
-    """``folder``, or a link to it if its path has blanks: PoCL splits options there, quoted or not."""
+    """``folder``, or a link to it if its path has blanks: PoCL splits options there, quoted or not.
+
+    The link stays, since its path is part of the keys of drivers' caches.
+    """
     if not re.search(r"\s", str(folder)):
         return folder
-    place = Path(tempfile.mkdtemp(prefix="clgrid-"))
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
-    link = place / "cl"
-    link.symlink_to(folder, target_is_directory=True)
+    link = cache.folder() / f"cl-{cache.key(folder)}"
+    if re.search(r"\s", str(link)) or not cache.link(link, folder):
+        link = Path(tempfile.mkdtemp(prefix="clgrid-")) / "cl"
+        atexit.register(shutil.rmtree, link.parent, ignore_errors=True)
+        link.symlink_to(folder, target_is_directory=True)
     return link
 
 
