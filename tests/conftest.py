@@ -7,34 +7,71 @@ from pathlib import Path
 
 import pytest
 
-from clgrid.device import Device, choose, describe_all, usable
+from clgrid.device import Description, Device, choose, describe_all, matching, usable
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parent.parent
 
 
-def usable_labels() -> list[str]:
-    """Devices to test on: the one that CLGRID_DEVICE names, or every one that clgrid may choose itself."""
-    if os.environ.get("CLGRID_DEVICE"):
-        return [choose().label]
-    return [found.label for found in describe_all() if found.implicit and usable(found).ok]
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--device",
+        action="append",
+        default=[],
+        help="test on this OpenCL device only (index, label or part of a name; may be repeated); "
+        "also CLGRID_TEST_DEVICES, separated by commas",
+    )
+
+
+def wanted(config: pytest.Config) -> list[Description]:
+    """The devices to test on: the named ones, or every one that clgrid may choose itself."""
+    named = config.getoption("--device") or os.environ.get("CLGRID_TEST_DEVICES", "").split(",")
+    names = [name.strip() for name in named if name.strip()]
+    present = describe_all()
+    if not names:
+        return [description for description in present if description.implicit]
+    chosen: list[Description] = []
+    for name in names:
+        matches = matching(present, name)
+        if not matches:
+            raise pytest.UsageError(f"no OpenCL device matches {name!r}: {[d.label for d in present]}")
+        chosen += [match for match in matches if match not in chosen]
+    return chosen
+
+
+def _parameter(description: Description) -> object:
+    """A device that cannot compile is skipped by name, with the reason."""
+    outcome = usable(description)
+    reason = f"{description.label}: {outcome.reason}; {outcome.cure}"
+    marks = [] if outcome.ok else [pytest.mark.skip(reason=reason)]
+    return pytest.param(description.label, id=description.label, marks=marks)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
-        none = pytest.param(None, marks=pytest.mark.skip(reason="no usable OpenCL device"))
-        metafunc.parametrize("device", usable_labels() or [none], indirect=True, scope="session")
+        parameters = [_parameter(description) for description in wanted(metafunc.config)]
+        # Without any device the tests must fail, not vanish.
+        parameters = parameters or [pytest.param(None, id="none")]
+        metafunc.parametrize("device", parameters, indirect=True, scope="session")
+
+
+@pytest.fixture(autouse=True)
+def _no_device_of_the_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device that the shell prefers must not change what a test checks."""
+    monkeypatch.delenv("CLGRID_DEVICE", raising=False)
 
 
 @pytest.fixture(scope="session")
 def device(request: pytest.FixtureRequest) -> Device:
-    """Each usable device in turn."""
+    """Each device in turn."""
+    if request.param is None:
+        pytest.fail("no OpenCL device to test on: run clgrid doctor")
     return choose(request.param)
 
 
 @pytest.fixture(scope="session")
-def all_devices() -> list[Device]:
+def all_devices(request: pytest.FixtureRequest) -> list[Device]:
     """All usable devices at once, for comparisons; skips where there is only one."""
-    labels = usable_labels()
+    labels = [description.label for description in wanted(request.config) if usable(description).ok]
     if len(labels) < 2:
         pytest.skip(f"comparing devices needs two, there is {labels}")
     return [choose(label) for label in labels]

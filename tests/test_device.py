@@ -334,6 +334,7 @@ def test_only_a_success_is_remembered_by_other_processes(
     monkeypatch.setattr(probe, "attempt", lambda *_: bad)
     assert probe.remembered(*facts).ok
     # Another linker is another trial.
+    (tmp_path / "ld").touch(mode=0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(probe, "_known", {})
     assert not probe.remembered(*facts).ok
