@@ -143,8 +143,17 @@ def as_rays(
 
 
 def _as_bounds(t_min: npt.ArrayLike, t_max: npt.ArrayLike, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """(1, 2) float64 if both are scalars, else (N, 2)."""
-    low, high = np.asarray(t_min, np.float64), np.asarray(t_max, np.float64)
+    """(1, 2) float64 if both are scalars, else (N, 2).
+
+    Raises
+    ------
+    InputError
+        If they are not numbers, or do not broadcast to the rays.
+    """
+    try:
+        low, high = np.asarray(t_min, np.float64), np.asarray(t_max, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"t_min and t_max are not arrays of numbers: {error}") from None
     if low.ndim == 0 and high.ndim == 0:
         return np.array([[low, high]])
     try:
@@ -256,7 +265,7 @@ def brute_force(
     """
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count == 0:
-        return no_hits(mesh, origins, directions)
+        return no_hits(mesh, origins, directions, t_min, t_max)
     allocator = Allocator(chosen)
     target = DeviceMesh(mesh, chosen, allocator)
     soup = _soup(mesh, target.frame)
@@ -272,10 +281,18 @@ def brute_force(
     return run(target, launch, _BRUTE_FORCE_RAYS, origins, directions, t_min, t_max)
 
 
-def no_hits(mesh: Mesh, origins: npt.ArrayLike, directions: npt.ArrayLike | None) -> Hits:
+def no_hits(
+    mesh: Mesh,
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike | None,
+    t_min: npt.ArrayLike,
+    t_max: npt.ArrayLike,
+) -> Hits:
     """The answer for a mesh without triangles."""
     o, d = as_rays(origins, directions)
     shape = o.shape[:-1]
-    bad = ~(np.isfinite(o).all(-1) & np.isfinite(d).all(-1) & (d != 0).any(-1))
+    bounds = _as_bounds(t_min, t_max, shape)
+    sound = np.isfinite(o).all(-1) & np.isfinite(d).all(-1) & (d != 0).any(-1)
+    invalid = int(np.sum(~sound.reshape(-1) | np.isnan(bounds).any(-1)))
     ids = np.full(shape, -1, np.int64)
-    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), int(bad.sum()), mesh, o, d)
+    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), invalid, mesh, o, d)

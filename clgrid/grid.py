@@ -183,7 +183,7 @@ class Grid:
             If shapes or dtypes do not fit.
         """
         if self._compact is None:
-            return no_hits(self.mesh, origins, directions)
+            return no_hits(self.mesh, origins, directions, t_min, t_max)
         return cast_closest(self.target, self._compact, origins, directions, t_min, t_max)
 
 
