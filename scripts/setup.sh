@@ -16,7 +16,7 @@ apt_install() {
     on_debian && is_root || return 1
     say "installing Debian packages: $*"
     DEBIAN_FRONTEND=noninteractive apt-get update -qq >&2 &&
-        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >&2
+        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
 python_that_fits() {
