@@ -24,7 +24,7 @@ from clgrid import cache
 
 TIMEOUT_SECONDS = 120.0
 # Files that a link needs; their dates are part of the key under which a success is remembered.
-_LINK_INPUTS = ("lib*/crti.o", "lib*/*/crti.o", "lib*/libc.so", "lib*/*/libc.so")
+_LINK_INPUTS = ("lib*/crti.o", "lib*/*/crti.o", "lib*/libc.so", "lib*/*/libc.so", "lib*/gcc/*/*/libgcc.a")
 _INTEL = "pip install intel-opencl-rt intel-cmplr-lib-rt"
 _SOURCE = """
 kernel void clgrid_probe(global float *values, int n) {
