@@ -4,8 +4,7 @@
 #include "rays_in_out.h"
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void cast_closest(__constant const FrameParams *frame, __constant const GridParams *grid,
-                           __global const uint *cells, __global const uint *references,
+__kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
                            __global const float *vertices, __global const uint *faces,
                            __global const RAY_REAL *origins, __global const RAY_REAL *directions,
                            __global const double *t_bounds, uint ray_count, uint chunk_size,
@@ -18,7 +17,7 @@ __kernel void cast_closest(__constant const FrameParams *frame, __constant const
     uint rejected = 0;
     for (uint i = begin; i < end; ++i) {
         const Ray ray = load_ray(origins, directions, t_bounds, i, frame);
-        const Hit hit = closest_hit(&ray, grid, cells, references, vertices, faces);
+        const Hit hit = closest_hit(&ray, GRID_ARGUMENTS, vertices, faces);
         store_hit(&ray, &hit, i, t_hit, ids, uvs);
         rejected += ray.valid ? 0 : 1;
     }

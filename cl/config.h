@@ -8,6 +8,10 @@
 
 #define NO_HIT 0xFFFFFFFFu
 
+// Empty-space skipping: cells along a brick, and the greatest distance that is kept.
+#define BRICK 4u
+#define FAR_AWAY ((uchar)255)
+
 // Half an ulp of 1: the unit round-off of float32.
 #define UNIT_ROUNDOFF 0x1p-24
 

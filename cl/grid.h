@@ -5,6 +5,17 @@
 #define CLG_GRID_H
 #include "triangle.h"
 
+#ifdef SKIP_EMPTY
+#define GRID_PARAMETERS                                                                              \
+    __constant const GridParams *grid, __global const uint *cells, __global const uint *references,  \
+        __global const uchar *distances
+#define GRID_ARGUMENTS grid, cells, references, distances
+#else
+#define GRID_PARAMETERS                                                                              \
+    __constant const GridParams *grid, __global const uint *cells, __global const uint *references
+#define GRID_ARGUMENTS grid, cells, references
+#endif
+
 // One axis of the walk, mirrored so that the ray always climbs: it crosses plane j at
 // t(j) = t_first + j * t_cell, straight from the integer: no rounding piles up over the steps.
 typedef struct {
@@ -70,10 +81,80 @@ bool step(Axis *axis, uint *cell)
     return true;
 }
 
+#ifdef SKIP_EMPTY
+// Bricks of BRICK^3 cells, each with the distance to the nearest that holds a reference.
+
+// The axis' cell in the grid's order.
+uint coordinate(const Axis *axis, int resolution)
+{
+    const int climbed = resolution - 1 - axis->left;
+    return (uint)(axis->stride < 0 ? resolution - 1 - climbed : climbed);
+}
+
+// Plane, in the ray's order, where it leaves the cube of empty bricks around its own: none within
+// `distance` - 1 on any side holds a reference.
+double cube_exit(const Axis *axis, int resolution, int distance)
+{
+    const int brick = (int)(coordinate(axis, resolution) / BRICK);
+    const bool climbs = axis->stride > 0;
+    const int plane = (int)BRICK * (climbs ? brick + distance : brick - distance + 1);
+    const int inside = plane < 0 ? 0 : plane > resolution ? resolution : plane;
+    return (double)(climbs ? inside : resolution - inside);
+}
+
+void set_planes(Axis *axis, double planes, int resolution)
+{
+    axis->planes = planes;
+    axis->t_next = crossing(axis, planes);
+    axis->left = resolution - (int)planes;
+}
+
+// Crosses every plane up to t: the same crossings that single steps compare, so the same cell.
+void advance(Axis *axis, double planes_per_t, double t, int resolution)
+{
+    if (axis->t_next > t)
+        return;
+    const double last = (double)resolution;
+    const double guess = floor((t - axis->t_first) * planes_per_t) + 1.0;
+    double planes = guess < last ? guess : last;
+    planes = planes > axis->planes ? planes : axis->planes;
+    while (planes > axis->planes && crossing(axis, planes - 1.0) > t)
+        planes -= 1.0;
+    while (planes < last && crossing(axis, planes) <= t)
+        planes += 1.0;
+    set_planes(axis, planes, resolution);
+}
+
+// Leaves the empty cube around the cell's brick. False: by then the ray is out of the grid, or past `stop`.
+bool leap(__constant const GridParams *grid, const Ray *ray, int distance, double stop, Axis *x, Axis *y, Axis *z)
+{
+    const int mx = (int)grid->resolution[0], my = (int)grid->resolution[1], mz = (int)grid->resolution[2];
+    const double px = cube_exit(x, mx, distance), tx = crossing(x, px);
+    const double py = cube_exit(y, my, distance), ty = crossing(y, py);
+    const double pz = cube_exit(z, mz, distance), tz = crossing(z, pz);
+    const double t = tx < ty ? (tx < tz ? tx : tz) : (ty < tz ? ty : tz);
+    const bool across_x = t == tx, across_y = !across_x && t == ty;
+    if (t > stop || (across_x ? px == (double)mx : across_y ? py == (double)my : pz == (double)mz))
+        return false;
+    // The axis whose plane is met takes its index from it; the others cross what lies up to t.
+    if (across_x)
+        set_planes(x, px + 1.0, mx);
+    else
+        advance(x, fabs(ray->direction[0]) * grid->cells_per_unit[0], t, mx);
+    if (across_y)
+        set_planes(y, py + 1.0, my);
+    else
+        advance(y, fabs(ray->direction[1]) * grid->cells_per_unit[1], t, my);
+    if (!across_x && !across_y)
+        set_planes(z, pz + 1.0, mz);
+    else
+        advance(z, fabs(ray->direction[2]) * grid->cells_per_unit[2], t, mz);
+    return true;
+}
+#endif
+
 // The nearest hit, bit for bit that of testing every triangle (docs/numerics.md, "Lossless grid").
-Hit closest_hit(const Ray *ray, __constant const GridParams *grid, __global const uint *cells,
-                __global const uint *references, __global const float *vertices,
-                __global const uint *faces)
+Hit closest_hit(const Ray *ray, GRID_PARAMETERS, __global const float *vertices, __global const uint *faces)
 {
     Hit hit = no_hit();
     if (!ray->reaches)
@@ -99,6 +180,9 @@ Hit closest_hit(const Ray *ray, __constant const GridParams *grid, __global cons
 
     const Shear shear = shear_of(ray);
     double stop = t_out;  // no hit beyond it can win
+#ifdef SKIP_EMPTY
+    const uint bx = (mx + BRICK - 1) / BRICK, by = (my + BRICK - 1) / BRICK;
+#endif
     for (;;) {
         const uint begin = cells[cell], end = cells[cell + 1];
         if (begin != end) {
@@ -107,6 +191,18 @@ Hit closest_hit(const Ray *ray, __constant const GridParams *grid, __global cons
             const double bound = (double)hit.t + T_SLACK;
             stop = bound < stop ? bound : stop;
         }
+#ifdef SKIP_EMPTY
+        else {
+            const uint cx = coordinate(&x, mx), cy = coordinate(&y, my), cz = coordinate(&z, mz);
+            const int distance = distances[((size_t)(cz / BRICK) * by + cy / BRICK) * bx + cx / BRICK];
+            if (distance > 1) {
+                if (!leap(grid, ray, distance, stop, &x, &y, &z))
+                    break;
+                cell = (coordinate(&z, mz) * (uint)my + coordinate(&y, my)) * (uint)mx + coordinate(&x, mx);
+                continue;
+            }
+        }
+#endif
         bool inside;
         if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
             inside = x.t_next <= stop && step(&x, &cell);

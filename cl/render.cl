@@ -11,8 +11,7 @@
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void render(__constant const CameraParams *camera, __constant const FrameParams *frame,
-                     __constant const GridParams *grid, __global const uint *cells,
-                     __global const uint *references, __global const float *vertices,
+                     GRID_PARAMETERS, __global const float *vertices,
                      __global const uint *faces, uint first_row, uint row_count,
                      float background_r, float background_g, float background_b,
 #ifdef SMOOTH_NORMALS
@@ -40,7 +39,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             double view[3];
             camera_direction(camera, x, first_row + y, view);
             const Ray ray = prepare_ray(eye, view, 0.0, INFINITY, frame);
-            const Hit hit = closest_hit(&ray, grid, cells, references, vertices, faces);
+            const Hit hit = closest_hit(&ray, GRID_ARGUMENTS, vertices, faces);
             const size_t pixel = (size_t)y * camera->width + x;
             float r = background_r, g = background_g, b = background_b, coverage = 0.0f;
             double normal[3] = {0.0, 0.0, 0.0};

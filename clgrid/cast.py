@@ -228,9 +228,9 @@ def cast_closest(target: DeviceMesh, grid: CompactGrid, *rays: Any) -> Hits:
     device = target.device
 
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: dict[str, int | str]) -> None:
-        kernel(device, "cast_closest.cl", "cast_closest", **defines)(
+        kernel(device, "cast_closest.cl", "cast_closest", **defines, **grid.defines)(
             device.queue, (-(-count // _RAYS_PER_ITEM),), (1,), target.frame_params,
-            grid.params, grid.cells, grid.references, target.vertices, target.faces,
+            *grid.arguments, target.vertices, target.faces,
             *inputs, np.uint32(count), np.uint32(_RAYS_PER_ITEM), *outputs,
         )  # fmt: skip
 

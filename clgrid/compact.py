@@ -17,7 +17,7 @@ No atomics and no barriers: the bytes depend on nothing but the mesh and the res
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ _MOST_REFERENCES = 2**32 - 1
 _LARGEST_SLAB_SHIFT = 16  # a cell within its slab is a ushort
 _FEWEST_SLABS = 64
 _SMALLEST_CHUNK = 4096
+BRICK = 4
+"""Cells along an edge of a brick, as in cl/config.h."""
 _MOST_CHUNKS = 64
 
 
@@ -61,6 +63,24 @@ class CompactGrid:
     resolution: tuple[int, int, int]
     reference_count: int
     build_s: dict[str, float]
+    distances: Any = None
+
+    @property
+    def brick_counts(self) -> tuple[int, int, int]:
+        """Bricks along x, y and z."""
+        x, y, z = (-(-n // BRICK) for n in self.resolution)
+        return x, y, z
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The kernel arguments of the grid, in the order of GRID_PARAMETERS in cl/grid.h."""
+        skipping = [] if self.distances is None else [self.distances]
+        return [self.params, self.cells, self.references, *skipping]
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """The options with which kernels that walk this grid are compiled."""
+        return {} if self.distances is None else {"SKIP_EMPTY": 1}
 
     @property
     def cell_count(self) -> int:
@@ -70,7 +90,11 @@ class CompactGrid:
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes by array: exactly one index per cell (and one more), and one per reference."""
-        return {"cells": 4 * (self.cell_count + 1), "references": 4 * self.reference_count}
+        nbytes = {"cells": 4 * (self.cell_count + 1), "references": 4 * self.reference_count}
+        if self.distances is not None:
+            x, y, z = self.brick_counts
+            nbytes["distances"] = x * y * z
+        return nbytes
 
 
 def plane_params(
@@ -105,6 +129,7 @@ def build(
     vertices: Any,
     faces: Any,
     params: npt.NDArray[np.void],
+    skipping: bool,
 ) -> CompactGrid:
     """Build the grid of the triangles on the device.
 
@@ -177,7 +202,24 @@ def build(
     queue.finish()
     allocator.release(slab_starts, binned_cells, binned_triangles)
     seconds["insert"] = time.perf_counter() - start
-    return CompactGrid(cells, references, params_buffer, (mx, my, mz), reference_count, seconds)
+    grid = CompactGrid(cells, references, params_buffer, (mx, my, mz), reference_count, seconds)
+    return _with_distances(device, allocator, grid) if skipping else grid
+
+
+def _with_distances(device: Device, allocator: Allocator, grid: CompactGrid) -> CompactGrid:
+    """The grid with a distance byte a brick, which lets rays leap over empty space."""
+    start = time.perf_counter()
+    bricks = grid.brick_counts
+    distances = allocator.buffer(bricks[0] * bricks[1] * bricks[2])
+    kernel(device, "mark_bricks.cl", "mark_bricks")(
+        device.queue, (bricks[2],), (1,), grid.params, grid.cells, distances
+    )
+    kernel(device, "spread_distances.cl", "spread_distances")(
+        device.queue, (1,), (1,), *(np.int32(n) for n in bricks), distances
+    )
+    device.queue.finish()
+    seconds = {**grid.build_s, "distances": time.perf_counter() - start}
+    return replace(grid, distances=distances, build_s=seconds)
 
 
 def _check_size(

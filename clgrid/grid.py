@@ -69,11 +69,12 @@ class Grid:
         Seconds to bring the mesh into its local frame and to the device.
     """
 
-    def __init__(self, mesh: Mesh, device: Device, layout: str, accuracy: str) -> None:
+    def __init__(self, mesh: Mesh, device: Device, layout: str, accuracy: str, skipping: bool) -> None:
         self.mesh = mesh
         self.device = device
         self.layout = layout
         self.accuracy = accuracy
+        self.skipping = skipping
         self._allocator = Allocator(device)
         self._target: DeviceMesh | None = None
         self._compact: compact.CompactGrid | None = None
@@ -89,7 +90,7 @@ class Grid:
         cells = resolution or by_density(bounds[1] - bounds[0], self.mesh.triangle_count, density)
         params = compact.plane_params(bounds, cells, self.mesh.triangle_count)
         self._compact = compact.build(
-            self.device, self._allocator, self._target.vertices, self._target.faces, params
+            self.device, self._allocator, self._target.vertices, self._target.faces, params, self.skipping
         )
 
     @property
@@ -195,6 +196,7 @@ def build(
     accuracy: str = "robust",
     device: Device | str | None = None,
     max_memory: int | None = None,
+    skipping: bool = True,
 ) -> Grid:
     """Build a grid over a mesh.
 
@@ -231,7 +233,7 @@ def build(
             raise InputError(f"density is {density!r}; give a number or 'auto'")
         density = DEFAULT_DENSITY
     cells = None if resolution is None else checked(resolution)
-    grid = Grid(mesh, device if isinstance(device, Device) else choose(device), layout, accuracy)
+    grid = Grid(mesh, device if isinstance(device, Device) else choose(device), layout, accuracy, skipping)
     if mesh.triangle_count:
         grid._build(density, cells, max_memory)
     return grid
@@ -240,4 +242,4 @@ def build(
 def device_buffers(grid: Grid) -> list[Any]:
     """The kernel arguments that every traversal takes, in the order of cl/grid.h."""
     target, cells = grid.target, grid.compact
-    return [target.frame_params, cells.params, cells.cells, cells.references, target.vertices, target.faces]
+    return [target.frame_params, *cells.arguments, target.vertices, target.faces]

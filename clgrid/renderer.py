@@ -157,7 +157,7 @@ def _draw(
 ) -> None:
     device, mesh = grid.device, grid.mesh
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
-    draw = kernel(device, "render.cl", "render", **kernel_options(mesh, aovs))
+    draw = kernel(device, "render.cl", "render", **kernel_options(mesh, aovs), **grid.compact.defines)
     allocator = Allocator(device)
     inputs = [allocator.upload(camera.params(image.width, image.height)), *device_buffers(grid)]
     colour = [np.float32(value) for value in background]
