@@ -186,6 +186,9 @@ def _intel(devices: Sequence[Description]) -> Iterator[Finding]:
     elif setting is not None:
         message = f"{library} is installed but {setting[0]}={setting[1]} leaves it out"
         yield Finding("intel", "warn", None, message, f"unset {setting[0]}")
+    elif " " in str(library):
+        message = f"{library} is installed, but it fails below a folder with a blank in its name"
+        yield Finding("intel", "warn", None, message, "make the Python environment somewhere else")
     else:
         message = f"{library} is installed but not among the platforms"
         advice = f"as root: echo {library} > {registration.SYSTEM_VENDORS}/intel-cpu.icd"
