@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from clgrid import device, pocl, probe, registration
-from clgrid.device import Description
+from clgrid.description import Description, matching
 from clgrid.errors import DeviceError
 
 Status = Literal["ok", "warn", "fail"]
@@ -107,7 +107,7 @@ def examine(selector: str | None = None) -> Report:
 def _asked_for(devices: Sequence[Description], selector: str | None) -> list[Description]:
     if selector is None:
         return [description for description in devices if description.implicit]
-    matches = device.matching(devices, selector)
+    matches = matching(devices, selector)
     if devices and not matches:
         labels = ", ".join(description.line() for description in devices)
         raise DeviceError(f"no OpenCL device matches {selector!r}; there are: {labels}")

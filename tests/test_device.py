@@ -12,7 +12,8 @@ import pytest
 
 from clgrid import device as devices
 from clgrid import doctor, pocl, probe, registration
-from clgrid.device import Description, Device
+from clgrid.description import Description
+from clgrid.device import Device
 from clgrid.errors import DeviceError
 
 POCL30 = Description(
