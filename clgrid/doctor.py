@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from clgrid import device, pocl, probe, registration
-from clgrid.device import Description
+from clgrid.description import Description, matching
 from clgrid.errors import DeviceError
 
 Status = Literal["ok", "warn", "fail"]
@@ -107,7 +107,7 @@ def examine(selector: str | None = None) -> Report:
 def _asked_for(devices: Sequence[Description], selector: str | None) -> list[Description]:
     if selector is None:
         return [description for description in devices if description.implicit]
-    matches = device.matching(devices, selector)
+    matches = matching(devices, selector)
     if devices and not matches:
         labels = ", ".join(description.line() for description in devices)
         raise DeviceError(f"no OpenCL device matches {selector!r}; there are: {labels}")
@@ -186,6 +186,9 @@ def _intel(devices: Sequence[Description]) -> Iterator[Finding]:
     elif setting is not None:
         message = f"{library} is installed but {setting[0]}={setting[1]} leaves it out"
         yield Finding("intel", "warn", None, message, f"unset {setting[0]}")
+    elif " " in str(library):
+        message = f"{library} is installed, but it fails below a folder with a blank in its name"
+        yield Finding("intel", "warn", None, message, "make the Python environment somewhere else")
     else:
         message = f"{library} is installed but not among the platforms"
         advice = f"as root: echo {library} > {registration.SYSTEM_VENDORS}/intel-cpu.icd"

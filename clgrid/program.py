@@ -226,7 +226,7 @@ def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -
     cl = registration.opencl()
     folder = source_folder()
     source = f'{prologue}#line 1 "{file}"\n{(folder / file).read_text(encoding="utf-8")}'
-    arguments = ["-I", str(_include_folder(folder)), f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
+    arguments = ["-I", str(include_folder(folder)), f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
     with warnings.catch_warnings():
         # Intel's compiler says that it started and finished, which pyopencl takes for a warning.
         warnings.simplefilter("ignore", cl.CompilerWarning)
@@ -247,7 +247,7 @@ def _make_ready(device: Device) -> None:
 
 
 @functools.cache
-def _include_folder(folder: Path) -> Path:
+def include_folder(folder: Path) -> Path:
     """``folder``, or a link to it if its path has blanks: PoCL splits options there, quoted or not.
 
     The link stays, since its path is part of the keys of drivers' caches.

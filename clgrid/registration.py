@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import logging
 import os
+import re
 import sys
 import threading
 from pathlib import Path
@@ -92,6 +93,28 @@ def is_intel_cpu(library: str) -> bool:
     return path.name == "libintelocl.so" and (not path.is_absolute() or path.exists())
 
 
+def _without_blanks(library: Path) -> Path | None:
+    """``library``, or a hard link to it and its neighbours: it fails below a folder with a blank in its name.
+
+    Symbolic links do not help, since it looks for its real path.
+    """
+    if not re.search(r"\s", str(library.resolve())):
+        return library
+    place = cache.folder() / f"intel-{cache.key(library.parent, library.stat().st_mtime_ns)}"
+    if re.search(r"\s", str(place.resolve())):
+        return None
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        for file in library.parent.iterdir():
+            if file.is_file() and not (place / file.name).exists():
+                with contextlib.suppress(FileExistsError):
+                    os.link(file, place / file.name)
+    except OSError as error:
+        log.debug("%s cannot be linked to %s: %s", library.parent, place, error)
+        return None
+    return place / library.name
+
+
 def _fill(vendors: Path, library: Path) -> None:
     """Make ``vendors`` hold the system's .icd files and one that names ``library``.
 
@@ -119,16 +142,20 @@ def register() -> Path | None:
     -------
     Path or None
         The folder put into ``OCL_ICD_VENDORS``; None if there was nothing to do, the user's own
-        ``OCL_ICD_VENDORS`` or ``OPENCL_VENDOR_PATH`` stands, or no folder could be written.
+        ``OCL_ICD_VENDORS`` or ``OPENCL_VENDOR_PATH`` stands, no folder could be written, or the runtime
+        lies below a folder with a blank in its name and cannot be linked to elsewhere.
     """
     library = intel_library()
     if library is None or user_setting() is not None:
         return None
     if any(is_intel_cpu(line) for line in icd_libraries(SYSTEM_VENDORS).values()):
         return None
-    for vendors in _own_folders():
+    loadable = _without_blanks(library)
+    if loadable is None:
+        return None
+    for vendors in _own_folders()[loadable != library :]:
         try:
-            _fill(vendors, library)
+            _fill(vendors, loadable)
         except OSError as error:
             log.debug("%s cannot be written: %s", vendors, error)
             continue

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from clgrid.device import Description, Device, choose, describe_all, matching, usable
+from clgrid.description import Description, matching
+from clgrid.device import Device, choose, describe_all, usable
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -62,6 +62,8 @@ def refused(folder: Path, name: str, content: str | bytes) -> str:
     message = str(caught.value)
     assert message.startswith(f"{folder / name}: ")
     assert "\n" not in message
+    # the word for failures that no reader foresaw
+    assert "cannot be read" not in message
     return message
 
 

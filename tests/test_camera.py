@@ -12,7 +12,7 @@ from clgrid import structs
 from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import InputError
-from clgrid.program import source_folder
+from clgrid.program import include_folder, source_folder
 
 RAYS = """
 #include "camera.h"
@@ -35,7 +35,7 @@ BOXES = [
 
 def device_directions(device: Device, camera: Camera, width: int, height: int) -> np.ndarray:
     source = structs.declarations() + RAYS
-    program = cl.Program(device.context, source).build(["-I", str(source_folder())])
+    program = cl.Program(device.context, source).build(["-I", str(include_folder(source_folder()))])
     params = camera.params(width, height)
     flags = cl.mem_flags
     buffer = cl.Buffer(device.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=params)

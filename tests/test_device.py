@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from clgrid import device as devices
-from clgrid import pocl, probe, registration
-from clgrid.device import Description, Device
+from clgrid import doctor, pocl, probe, registration
+from clgrid.description import Description
+from clgrid.device import Device
 from clgrid.errors import DeviceError
 
 POCL30 = Description(
@@ -295,6 +296,40 @@ def test_an_environment_that_cannot_be_written_is_registered_in_the_cache(enviro
     folder = registration.register()
     assert folder is not None
     assert folder.parent == environment / "cache" / "clgrid"
+
+
+def test_a_runtime_below_a_folder_with_a_blank_is_linked_to_a_place_without(
+    environment: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spaced = environment / "a b"
+    (environment / "venv").rename(spaced)
+    (spaced / "lib" / "libimf.so").touch()
+    monkeypatch.setattr(sys, "prefix", str(spaced))
+    folder = registration.register()
+    assert folder is not None
+    assert folder.parent == environment / "cache" / "clgrid"
+    library = Path(registration.icd_libraries(folder)[folder / "clgrid-intel.icd"])
+    assert " " not in str(library)
+    assert library.samefile(spaced / "lib" / "libintelocl.so")
+    assert (library.parent / "libimf.so").samefile(spaced / "lib" / "libimf.so")
+    assert registration.register() == folder
+
+
+def test_a_runtime_that_cannot_be_linked_is_left_alone(
+    environment: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spaced = environment / "a b"
+    (environment / "venv").rename(spaced)
+    monkeypatch.setattr(sys, "prefix", str(spaced))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(spaced / "cache"))
+    assert registration.register() is None
+    assert "OCL_ICD_VENDORS" not in os.environ
+    [finding] = doctor._intel([])
+    assert "libimf" in finding.message
+    (spaced / "lib" / "libimf.so").touch()
+    [finding] = doctor._intel([])
+    assert finding.status == "warn"
+    assert "blank in its name" in finding.message
 
 
 def test_nothing_is_registered_without_intels_runtime(environment: Path) -> None:

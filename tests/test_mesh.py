@@ -60,6 +60,8 @@ def test_non_finite_vertices_in_use_are_counted_and_named(bad: float, dtype: typ
 
 
 def test_index_beyond_the_vertices() -> None:
+    with pytest.raises(MeshError, match=r"1 of 1 triangles"):
+        Mesh(SQUARE, np.array([[0, 1, 4]], np.uint32))
     faces = np.array([[0, 1, 2], [0, 4, 2], [0, 1, 2**32 - 1]], np.uint32)
     with pytest.raises(
         MeshError, match=r"^m: 2 of 3 triangles name a missing vertex, first triangle 1: vertex 4 of 4"

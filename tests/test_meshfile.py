@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,10 @@ def test_unknown_and_missing_files(tmp_path: Path) -> None:
     assert "holds no gzip data" in refused(tmp_path, "b.ply.gz", TRIANGLE_PLY)
     assert "truncated gzip" in refused(tmp_path, "c.ply.gz", gzip.compress(TRIANGLE_PLY.encode())[:-9])
     (tmp_path / "folder.ply").mkdir()
-    with pytest.raises(MeshError, match="folder"):
-        load(tmp_path / "folder.ply")
+    os.mkfifo(tmp_path / "pipe.ply")
+    for name in ("folder.ply", "pipe.ply"):
+        with pytest.raises(MeshError, match=f"{name}: is not a regular file"):
+            load(tmp_path / name)
     with pytest.raises(MeshError, match=r"none\.ply: cannot be opened \(No such file"):
         load(tmp_path / "none.ply")
 

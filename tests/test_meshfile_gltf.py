@@ -76,6 +76,8 @@ def test_every_truncation_of_a_glb_is_refused(tmp_path: Path) -> None:
     for size in range(len(content)):
         path.write_bytes(content[:size])
         refused(path)
+    path.write_bytes(content + bytes(8))
+    assert f"announces {len(content)} bytes and the file has {len(content) + 8}" in refused(path)
 
 
 @given(data=st.data())
@@ -271,5 +273,10 @@ def test_index_out_of_range_names_the_primitive(tmp_path: Path) -> None:
     file = tetrahedron()
     file.json["meshes"][0]["primitives"].append({"attributes": {"POSITION": 0}, "indices": 3})
     file.accessor(np.array([0, 1, 2, 0, 4, 65535], np.uint16))
+    indices = file.json["meshes"][0]["primitives"][1]["indices"]
+    last = file.accessor(np.array([0, 1, 2, 0, 3, 4], np.uint16))
+    file.json["meshes"][0]["primitives"][1]["indices"] = last
+    assert "1 of 6 indices" in refused(file.write_glb(tmp_path / "a.glb"))
+    file.json["meshes"][0]["primitives"][1]["indices"] = indices
     message = refused(file.write_glb(tmp_path / "a.glb"))
     assert "mesh 0 primitive 1: 2 of 6 indices name a missing vertex, first index 4: vertex 4 of 4" in message

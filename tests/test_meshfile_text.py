@@ -113,6 +113,17 @@ def test_malformed_obj(tmp_path: Path, line: str, message: str) -> None:
     assert message in refused(tmp_path, "a.obj", TRIANGLE_OBJ + line + "\n")
 
 
+def test_obj_index_0_is_refused_where_vertices_follow(tmp_path: Path) -> None:
+    assert "line 4 names vertex 0" in refused(
+        tmp_path, "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\nv 1 1 1\n"
+    )
+
+
+def test_obj_corners_of_1_and_3_numbers_are_not_two_of_2(tmp_path: Path) -> None:
+    mesh = loaded(tmp_path, "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf 1/1 2/1/1 3\n")
+    assert corners(mesh).tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+
+
 def test_obj_without_statements_is_refused(tmp_path: Path) -> None:
     assert "no OBJ statement" in refused(tmp_path, "a.obj", bytes(range(1, 200)))
 

@@ -9,7 +9,7 @@ import typer
 from clgrid.cli import options, output
 
 if TYPE_CHECKING:
-    from clgrid.device import Description
+    from clgrid.description import Description
     from clgrid.doctor import Finding
 
 _NO_DEVICE = 3

@@ -26,11 +26,11 @@ def content(path: Path) -> Content:
         If the file cannot be opened, is empty, is no regular file or is damaged gzip data.
     """
     try:
+        # asked before opening: that of a pipe would wait for a writer
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise MeshError("is not a regular file; give the path of a mesh file")
         with open(path, "rb") as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise MeshError("is not a regular file; give the path of a mesh file")
-            if status.st_size == 0:
+            if os.fstat(file.fileno()).st_size == 0:
                 raise MeshError("is empty (0 bytes); export it again")
             if path.suffix.lower() == ".gz":
                 return _gunzipped(file.read())
