@@ -27,7 +27,7 @@ class Work:
         Pixels; one ray each.
     repetitions : int
         Times that build and render are timed, in turns, after one unmeasured turn.
-    layout, density, resolution, accuracy, max_memory
+    layout, density, resolution, accuracy, max_memory, skipping
         As for ``clgrid.build``.
     """
 
@@ -39,6 +39,7 @@ class Work:
     resolution: tuple[int, int, int] | None = None
     accuracy: str = "robust"
     max_memory: int | None = None
+    skipping: bool = False
 
     def build(self, scene: Scene, device: Device) -> Grid:
         """Build the scene's grid as this work asks."""
@@ -50,6 +51,7 @@ class Work:
             accuracy=self.accuracy,
             device=device,
             max_memory=self.max_memory,
+            skipping=self.skipping,
         )
 
 
@@ -132,7 +134,9 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     scene, load_s = load_timed(name)
     seen = Measurement(scene, load_s, device)
     smooth = scene.mesh.vertex_normals is not None
-    seen.first_compile_s.append(warm_up(device, smooth=smooth, layout=work.layout, accuracy=work.accuracy))
+    seen.first_compile_s.append(
+        warm_up(device, smooth=smooth, layout=work.layout, accuracy=work.accuracy, skipping=work.skipping)
+    )
 
     def draw(grid: Grid) -> Image:
         return render(scene, width=work.width, height=work.height, grid=grid)

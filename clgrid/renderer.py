@@ -67,7 +67,7 @@ def render(
     progress : callable, optional
         Called with the share of rows done, from 0 to 1.
     **build_options
-        As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory.
+        As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping.
 
     Returns
     -------

@@ -27,7 +27,9 @@ def distances(grid: Grid) -> np.ndarray:
 
 
 @pytest.mark.parametrize("resolution", [(40, 40, 40), (37, 22, 9), (1, 1, 1), (70, 3, 1), (1, 5, 130)])
-def test_distances_are_those_to_the_nearest_full_brick(resolution: tuple[int, int, int], device: Device) -> None:
+def test_distances_are_those_to_the_nearest_full_brick(
+    resolution: tuple[int, int, int], device: Device
+) -> None:
     grid = build(procedural.icosphere(1), resolution=resolution, skipping=True, device=device)
     full = occupied_bricks(grid)
     bricks = np.stack(np.meshgrid(*(np.arange(n) for n in full.shape), indexing="ij"), -1).reshape(-1, 3)

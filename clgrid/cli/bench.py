@@ -27,6 +27,7 @@ def bench(
     accuracy: options.Accuracy = "robust",
     device: options.DeviceName = None,
     max_memory: options.MaxMemory = "",
+    skipping: options.Skipping = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -52,6 +53,7 @@ def bench(
         resolution=cells,
         accuracy=accuracy,
         max_memory=memory,
+        skipping=skipping,
     )
     chosen = choose(device)
     with output.progress(quiet=quiet) as show:

@@ -38,6 +38,14 @@ MaxMemory = Annotated[
     str,
     typer.Option(metavar="BYTES", help="Refuse a larger grid: 500M, 2GiB, or bytes.", rich_help_panel=GRID),
 ]
+Skipping = Annotated[
+    bool,
+    typer.Option(
+        "--skipping/--no-skipping",
+        help="Leap over empty space, for a byte every 64 cells; changes no answer.",
+        rich_help_panel=GRID,
+    ),
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels.", rich_help_panel=PICTURE)]
 Json = Annotated[
     bool, typer.Option("--json", help="Write one JSON document to stdout.", rich_help_panel=OUTPUT)

@@ -100,6 +100,7 @@ def render(
     accuracy: options.Accuracy = "robust",
     device: options.DeviceName = None,
     max_memory: options.MaxMemory = "",
+    skipping: options.Skipping = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -126,6 +127,7 @@ def render(
         resolution=cells,
         accuracy=accuracy,
         max_memory=memory,
+        skipping=skipping,
     )
     with output.progress(quiet=quiet) as show:
         _say(show, f"load {scene}")
@@ -136,7 +138,9 @@ def render(
         if loaded.mesh.triangle_count:
             _say(show, "compile")
             smooth = loaded.mesh.vertex_normals is not None
-            seconds = warm_up(chosen, aovs, smooth=smooth, layout=layout, accuracy=accuracy)
+            seconds = warm_up(
+                chosen, aovs, smooth=smooth, layout=layout, accuracy=accuracy, skipping=skipping
+            )
             seen.first_compile_s.append(seconds)
         _say(show, "build")
         grid = seen.build(work)
