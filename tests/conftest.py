@@ -1,4 +1,4 @@
-"""Fixtures that all tests share: every usable device, and the folder of real scenes."""
+"""Fixtures that all tests share: every usable device."""
 
 from __future__ import annotations
 
@@ -76,12 +76,3 @@ def all_devices(request: pytest.FixtureRequest) -> list[Device]:
     if len(labels) < 2:
         pytest.skip(f"comparing devices needs two, there is {labels}")
     return [choose(label) for label in labels]
-
-
-@pytest.fixture(scope="session")
-def scenes() -> Path:
-    """The folder of real meshes: CLGRID_SCENES, or shared/scenes beside the checkout."""
-    folder = Path(os.environ.get("CLGRID_SCENES") or ROOT.parent / "shared" / "scenes")
-    if not folder.is_dir():
-        pytest.skip(f"no real scenes in {folder}; set CLGRID_SCENES")
-    return folder
