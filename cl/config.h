@@ -15,9 +15,9 @@
 // Half an ulp of 1: the unit round-off of float32.
 #define UNIT_ROUNDOFF 0x1p-24
 
-// How far from a triangle, on each axis, a ray may pass and still be reported as a hit.
-#define LATERAL_ERROR (24 * UNIT_ROUNDOFF)
-// A box is entered in every cell within this distance: LATERAL_ERROR plus the rounding of cell_range.
+// How far, on each axis, the ray at its computed t may be from the triangle that it hits there.
+#define HIT_ERROR (26 * UNIT_ROUNDOFF)
+// A box is entered in every cell within this distance: HIT_ERROR plus the rounding of cell_range.
 #define BOX_PAD (40 * UNIT_ROUNDOFF)
 // A computed t and the ray's true passage at the hit differ by less than this.
 #define T_SLACK (32 * UNIT_ROUNDOFF)

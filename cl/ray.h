@@ -10,7 +10,7 @@ typedef struct {
     double t_min, t_max; // the caller's closed interval, in scene units of t
     double t_entry;      // local distance by which the origin was moved
     double t_unit;       // scene t of one local unit (a power of two)
-    bool valid;          // false: not finite, or no direction
+    bool valid;          // false: not finite, no direction, or t beyond 2^+-960
     bool reaches;        // false: the ray never comes near the mesh
 } Ray;
 
@@ -80,7 +80,8 @@ Ray prepare_ray(const double *origin, const double *direction, double t_min, dou
     for (int a = 0; a < 3; ++a)
         d[a] = d[a] * first * second;
     ray.t_unit = frame->inverse_scale * first * second;
-    ray.valid = isfinite(ray.t_unit) && ray.t_unit > 0.0;
+    // Beyond, t may have fewer digits than a double: intervals would lose their meaning.
+    ray.valid = ray.t_unit >= 0x1p-960 && ray.t_unit <= 0x1p+960;
     if (!ray.valid)
         return ray;
 

@@ -9,7 +9,6 @@
 typedef struct {
     int kx, ky, kz;          // axes; kz is the direction's largest
     float ox, oy, oz;        // origin, permuted
-    float dx, dy, dz;        // direction, permuted
     float sx, sy, sz;        // shear of x, y and scale of z, each correctly rounded
 } Shear;
 
@@ -35,13 +34,11 @@ Shear shear_of(const Ray *ray)
     s.ox = ray->origin[s.kx];
     s.oy = ray->origin[s.ky];
     s.oz = ray->origin[s.kz];
-    s.dx = ray->direction[s.kx];
-    s.dy = ray->direction[s.ky];
-    s.dz = ray->direction[s.kz];
     // Through float64: correctly rounded also where the device's float32 division is not.
-    s.sx = (float)((double)s.dx / (double)s.dz);
-    s.sy = (float)((double)s.dy / (double)s.dz);
-    s.sz = (float)(1.0 / (double)s.dz);
+    const double dz = ray->direction[s.kz];
+    s.sx = (float)((double)ray->direction[s.kx] / dz);
+    s.sy = (float)((double)ray->direction[s.ky] / dz);
+    s.sz = (float)(1.0 / dz);
     return s;
 }
 
@@ -68,18 +65,6 @@ Sheared shear_triangle(const Shear *s, __global const float *vertices, __global 
     return p;
 }
 
-double overlap_near(double lo, double hi, double o, double d, double t)
-{
-    const double edge = ((d > 0.0 ? lo : hi) - o) / d;
-    return d != 0.0 && edge > t ? edge : t;
-}
-
-double overlap_far(double lo, double hi, double o, double d, double t)
-{
-    const double edge = ((d > 0.0 ? hi : lo) - o) / d;
-    return d != 0.0 && edge < t ? edge : t;
-}
-
 float min3(float a, float b, float c)
 {
     const float m = a < b ? a : b;
@@ -92,38 +77,17 @@ float max3(float a, float b, float c)
     return m > c ? m : c;
 }
 
-// t of an ill-conditioned hit, held to where the ray crosses the triangle's box: so the grid,
-// which knows the triangle by that box, finds it in time (docs/numerics.md, "Slivers").
-double clamp_to_box(const Shear *s, __global const float *vertices, __global const uint *face, double t)
-{
-    double t_near = -INFINITY, t_far = INFINITY;
-    const int axis[3] = {s->kx, s->ky, s->kz};
-    const float o[3] = {s->ox, s->oy, s->oz};
-    const float d[3] = {s->dx, s->dy, s->dz};
-    for (int i = 0; i < 3; ++i) {
-        const float a = vertices[3 * (size_t)face[0] + axis[i]];
-        const float b = vertices[3 * (size_t)face[1] + axis[i]];
-        const float c = vertices[3 * (size_t)face[2] + axis[i]];
-        const double lo = (double)min3(a, b, c) - LATERAL_ERROR;
-        const double hi = (double)max3(a, b, c) + LATERAL_ERROR;
-        t_near = overlap_near(lo, hi, o[i], d[i], t_near);
-        t_far = overlap_far(lo, hi, o[i], d[i], t_far);
-    }
-    t = t < t_near ? t_near : t;
-    return t > t_far ? t_far : t;
-}
-
 // Completes a hit whose edge functions u, v, w do not rule it out. False: no hit after all.
 // A triangle with two equal vertices never gets here with det != 0. One whose vertices merely lie on a
-// line may, within LATERAL_ERROR: refusing it would open the seam that it closes.
+// line may, within HIT_ERROR: refusing it would open the seam that it closes.
 // `weights` gets the barycentric weights of the second and third vertex if it is not null.
-bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w32,
-                __global const float *vertices, __global const uint *face, float *t, float *weights)
+bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w32, float *t, float *weights)
 {
     double u = u32, v = v32, w = w32;
     const float det32 = fabs((u32 + v32) + w32);
     const float reach = max3(max3(fabs(p->ax), fabs(p->ay), fabs(p->bx)),
                              max3(fabs(p->by), fabs(p->cx), fabs(p->cy)), 0.0f);
+    // Too thin for float32 weights: they would name a point that the ray does not pass.
     const bool slender = det32 < 2.0f * reach * reach * reach;
     if (slender || min3(fabs(u32), fabs(v32), fabs(w32)) < SMALLEST_EDGE) {
         // The products of two float32 are exact in float64, hence so are the signs.
@@ -136,9 +100,7 @@ bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w3
     const double det = (u + v) + w;
     if (det == 0.0)
         return false;
-    double at = ((u * (double)p->az + v * (double)p->bz) + w * (double)p->cz) * (double)s->sz / det;
-    if (slender)
-        at = clamp_to_box(s, vertices, face, at);
+    const double at = ((u * (double)p->az + v * (double)p->bz) + w * (double)p->cz) * (double)s->sz / det;
     *t = (float)at;
     if (weights) {
         weights[0] = (float)(v / det);
@@ -157,7 +119,7 @@ bool intersect_triangle(const Shear *s, __global const float *vertices, __global
     const float w = p.bx * p.ay - p.by * p.ax;
     if ((u < 0.0f || v < 0.0f || w < 0.0f) && (u > 0.0f || v > 0.0f || w > 0.0f))
         return false;
-    return finish_hit(s, &p, u, v, w, vertices, face, t, weights);
+    return finish_hit(s, &p, u, v, w, t, weights);
 }
 
 // Takes triangle `id` as the hit if it is nearer, or as near with a lower id.

@@ -92,7 +92,7 @@ def prepare_rays(
         second = np.ldexp(1.0, -exponent)
         d = d * first[:, None] * second[:, None]
         t_unit = 2.0**frame.exponent * first * second
-        valid &= np.isfinite(t_unit) & (t_unit > 0)
+        valid &= (t_unit >= 2.0**-960) & (t_unit <= 2.0**960)
 
         moved = farthest > START_LIMIT
         side = np.where(d > 0, ENTRY_CUBE, -ENTRY_CUBE)
