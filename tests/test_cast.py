@@ -216,6 +216,34 @@ def test_slivers_seen_edge_on_are_found(device: Device) -> None:
             assert_same(build(mesh, device=device, **options).cast(*rays), expected)  # type: ignore[arg-type]
 
 
+def blocked_slivers(rng: np.random.Generator, count: int = 150) -> Mesh:
+    """Slivers along a diagonal of the box, and small triangles that a wrong t of theirs would pass."""
+    y, ends = rng.uniform(-1, 1, (count, 1)), rng.uniform(0.5, 1, (4, count, 1))
+    a = np.concatenate([-ends[0], y, ends[1]], axis=1)
+    b = np.concatenate([ends[2], y + rng.uniform(-0.1, 0.1, (count, 1)), -ends[3]], axis=1)
+    thin = 10.0 ** rng.uniform(-8, -5, (count, 1)) * rng.normal(size=(count, 3))
+    blocks = rng.uniform(-1, 1, (600, 1, 3)) + 0.1 * rng.normal(size=(600, 3, 3))
+    slivers = np.stack([a, b, a + rng.random((count, 1)) * (b - a) + thin], axis=1)
+    return soup(np.concatenate([slivers, np.clip(blocks, -1, 1)]))
+
+
+def test_slivers_met_at_an_end_are_found_before_what_is_behind(device: Device) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        mesh = blocked_slivers(rng)
+        slivers = mesh.vertices[mesh.faces[:150]].astype(np.float64)
+        face, weights = rng.integers(150, size=8000), rng.dirichlet([0.3, 0.3, 0.3], size=8000)
+        targets = (slivers[face] * weights[:, :, None]).sum(axis=1)
+        along = rng.uniform(-0.1, 0.1, (8000, 1)) * (slivers[face, 1] - slivers[face, 0])
+        directions = (
+            np.array([1, 0, 1]) * rng.choice([-1, 1], size=(8000, 1)) * rng.uniform(0.2, 1, (8000, 1)) + along
+        )
+        rays = targets - directions * rng.uniform(0.5, 1.5, (8000, 1)), directions
+        expected = brute_force(mesh, *rays, device=device)
+        assert ((expected.primitive_ids >= 0) & (expected.primitive_ids < 150)).mean() > 0.1
+        assert_same(build(mesh, resolution=(20, 20, 20), device=device).cast(*rays), expected)
+
+
 def inside_rays(mesh: Mesh, count: int, seed: int) -> Rays:
     """From near the centre of a star-shaped mesh, at all its vertices and edges, and along axes."""
     rng = np.random.default_rng(seed)
@@ -317,6 +345,18 @@ def test_rays_that_are_none_are_counted_misses(device: Device) -> None:
         assert hits.mask.tolist() == [False] * 10 + [True] * 3
         assert hits.invalid_rays == 10
         assert not hits.primitive_uvs[:10].any()
+
+
+def test_t_beyond_all_scales_is_refused_and_counted(device: Device) -> None:
+    """On a tiny mesh, t of a long direction would be denormal: an interval could not be told from another."""
+    mesh = scaled(procedural.cube(), 2.0**-890, np.float64)
+    origin = np.array([0.25, 0.5, 5]) * 2.0**-890
+    for cast in (build(mesh, device=device).cast, brute(mesh, device)):
+        assert cast(origin, (0, 0, -(2.0**60))).t_hit == 4 * 2.0**-950
+        for length in (2.0**80, 2.0**180, 2.0**1000):
+            hits = cast(origin, (0, 0, -length))
+            assert not hits.mask
+            assert hits.invalid_rays == 1
 
 
 def brute(mesh: Mesh, device: Device) -> Callable[..., Hits]:

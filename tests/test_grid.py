@@ -26,8 +26,8 @@ from clgrid.grid import Grid, build
 from clgrid.mesh import Mesh
 from clgrid.resolution import MOST_CELLS
 
-# Half the distance between what must and what may be entered: the rounding of cell_range and its margin.
-LATERAL_ERROR, BOX_PAD, CELL_RANGE_ROUNDING = 24 * U, 40 * U, 8 * U
+# Of cl/config.h and docs/numerics.md.
+HIT_ERROR, BOX_PAD, CELL_RANGE_ROUNDING = 26 * U, 40 * U, 8 * U
 Resolution = tuple[int, int, int]
 
 
@@ -46,7 +46,7 @@ def assert_cells_hold_what_they_must(mesh: Mesh, resolution: Resolution, device:
     grid = build(mesh, resolution=resolution, device=device)
     frame, vertices = local_mesh(mesh)
     params = plane_params(frame.to_local(mesh.bounds).astype(np.float64), resolution, mesh.triangle_count)
-    least = exact_lists(vertices, mesh.faces, params, resolution, LATERAL_ERROR + 2.0**-48)
+    least = exact_lists(vertices, mesh.faces, params, resolution, HIT_ERROR + 2.0**-48)
     tight = exact_lists(vertices, mesh.faces, params, resolution, BOX_PAD - CELL_RANGE_ROUNDING)
     most = exact_lists(vertices, mesh.faces, params, resolution, BOX_PAD + CELL_RANGE_ROUNDING)
     for found, must, should, may in zip(lists_of(grid), least, tight, most, strict=True):
@@ -135,7 +135,7 @@ def test_the_pad_is_needed_and_no_wider_than_said(device: Device) -> None:
     found = build(mesh, resolution=resolution, device=device).stats.references
     counts = [
         sum(map(len, exact_lists(vertices, mesh.faces, params, resolution, pad)))
-        for pad in (0.0, LATERAL_ERROR, BOX_PAD - CELL_RANGE_ROUNDING, BOX_PAD + CELL_RANGE_ROUNDING, 60 * U)
+        for pad in (0.0, HIT_ERROR, BOX_PAD - CELL_RANGE_ROUNDING, BOX_PAD + CELL_RANGE_ROUNDING, 60 * U)
     ]
     assert counts[0] < counts[1] < counts[2] < found < counts[3] < counts[4]
 
