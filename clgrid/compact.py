@@ -171,7 +171,7 @@ def build(
     )  # fmt: skip
     reference_count = int(allocator.download(totals, np.uint64, chunks).sum())
     seconds["count"] = time.perf_counter() - start
-    _check_size(allocator, cell_count, reference_count, (mx, my, mz))
+    _check_size(allocator, triangles, cell_count, reference_count, (mx, my, mz))
 
     start = time.perf_counter()
     slab_starts = allocator.buffer(4 * (slabs + 1))
@@ -223,10 +223,16 @@ def _with_distances(device: Device, allocator: Allocator, grid: CompactGrid) -> 
 
 
 def _check_size(
-    allocator: Allocator, cell_count: int, reference_count: int, resolution: tuple[int, int, int]
+    allocator: Allocator,
+    triangles: int,
+    cell_count: int,
+    reference_count: int,
+    resolution: tuple[int, int, int],
 ) -> None:
     """Refuse, before anything large is allocated, a grid that cannot be."""
     what = f"a grid of {'x'.join(map(str, resolution))} cells and {reference_count:,} references"
     if reference_count > _MOST_REFERENCES:
         raise GridTooLargeError(f"{what} overflows 32-bit indices; lower the density or the resolution")
-    allocator.check(4 * (cell_count + 1) + 4 * reference_count, what, largest=4 * reference_count)
+    finished, binned = 4 * (cell_count + 1) + 4 * reference_count, 6 * reference_count
+    largest = 4 * max(cell_count + 1, reference_count)
+    allocator.check(finished, what, largest, transient=binned + 8 * triangles)

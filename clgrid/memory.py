@@ -10,6 +10,8 @@ import numpy.typing as npt
 from clgrid.device import Device
 from clgrid.errors import GridTooLargeError
 
+_ADVICE = "lower the density or the resolution"
+
 
 class Allocator:
     """Allocates device buffers, and knows how much is in use and how much was at most.
@@ -32,7 +34,7 @@ class Allocator:
         self.in_use = 0
         self.peak_nbytes = 0
 
-    def check(self, nbytes: int, what: str, largest: int | None = None) -> None:
+    def check(self, nbytes: int, what: str, largest: int | None = None, transient: int = 0) -> None:
         """Raise GridTooLargeError if a structure of so many bytes may not or cannot be.
 
         Parameters
@@ -43,26 +45,31 @@ class Allocator:
             Names it in the message.
         largest : int, optional
             Its largest single array, if that is not all of it.
+        transient : int
+            Bytes that the build holds beside it for a while.
         """
         cl_device = self._device.cl_device
         largest = nbytes if largest is None else largest
         limits = [
             (nbytes, self._max_bytes, "the limit given (max_memory)"),
-            (nbytes, int(cl_device.global_mem_size), "the device's memory"),
+            (nbytes + transient, int(cl_device.global_mem_size), "the device's memory"),
             (largest, int(cl_device.max_mem_alloc_size), "the device's largest allocation"),
         ]
         for need, limit, name in limits:
             if limit is not None and need > limit:
                 raise GridTooLargeError(
-                    f"{what} needs {need:,} bytes, more than {name} of {limit:,};"
-                    " lower the density or the resolution"
+                    f"{what} needs {need:,} bytes, more than {name} of {limit:,}; {_ADVICE}"
                 )
 
     def buffer(self, nbytes: int) -> Any:
         """A new read-write buffer; one byte at least, since OpenCL has no empty ones."""
         import pyopencl as cl
 
-        buffer = cl.Buffer(self._device.context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
+        try:
+            buffer = cl.Buffer(self._device.context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
+        except (cl.MemoryError, cl.LogicError) as error:
+            held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
+            raise GridTooLargeError(f"the device has no room for {held} ({error}); {_ADVICE}") from error
         self.in_use += buffer.size
         self.peak_nbytes = max(self.peak_nbytes, self.in_use)
         return buffer

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from clgrid.compact import plane_params
 from clgrid.device import Device
 from clgrid.errors import GridTooLargeError, InputError
 from clgrid.grid import Grid, build
+from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.resolution import MOST_CELLS
 
@@ -203,6 +205,23 @@ def test_what_the_device_cannot_hold_is_refused(device: Device) -> None:
         GridTooLargeError, match=r"bytes, more than the device's largest allocation of [\d,]+"
     ):
         build(procedural.cube(), device=device, resolution=(1024, 1024, layers))
+
+
+def test_what_the_build_holds_for_a_while_is_counted() -> None:
+    small = SimpleNamespace(cl_device=SimpleNamespace(global_mem_size=100, max_mem_alloc_size=60))
+    allocator = Allocator(small)  # type: ignore[arg-type]
+    allocator.check(70, "a grid", largest=60, transient=30)
+    with pytest.raises(
+        GridTooLargeError, match="a grid needs 101 bytes, more than the device's memory of 100"
+    ):
+        allocator.check(70, "a grid", largest=60, transient=31)
+    with pytest.raises(GridTooLargeError, match="needs 61 bytes, more than the device's largest allocation"):
+        allocator.check(70, "a grid", largest=61)
+
+
+def test_a_buffer_that_the_driver_refuses_is_an_error_of_the_grid(device: Device) -> None:
+    with pytest.raises(GridTooLargeError, match="no room for 1,152,921,504,606,846,976 bytes"):
+        Allocator(device).buffer(1 << 60)
 
 
 def test_references_beyond_32_bits_are_refused(device: Device) -> None:
