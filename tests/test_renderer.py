@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import scene as shared_scene
 
 from clgrid import renderer
 from clgrid.camera import Camera
@@ -205,9 +206,9 @@ def test_a_grid_of_another_mesh_is_refused(device):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["country_kitchen", "white_room"])
-def test_rooms_have_no_holes_and_the_same_bits_everywhere(all_devices, scenes, name):
-    scene = load_scene(scenes / "arch" / f"{name}.glb.gz")
-    camera = named_camera(scene, str(scenes / "arch" / f"{name}.camera.json"))
+def test_rooms_have_no_holes_and_the_same_bits_everywhere(all_devices, name):
+    scene = load_scene(str(shared_scene(f"arch/{name}.glb.gz")))
+    camera = named_camera(scene, str(shared_scene(f"arch/{name}.camera.json")))
     pictures = [render(scene, camera, 320, 180, AOVS, device=device) for device in all_devices]
     assert pictures[0].hits > 0.9 * 320 * 180
     for other in pictures[1:]:

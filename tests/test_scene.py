@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import scene as shared_scene
 
 from clgrid.errors import InputError, MeshError
 from clgrid.mesh import Mesh
@@ -171,8 +172,8 @@ def test_other_camera_files_are_input_errors(tmp_path, text):
 
 
 @pytest.mark.parametrize("name", ["country_kitchen", "white_room"])
-def test_the_rooms_own_cameras_are_right_handed_and_upright(scenes, name):
-    camera = camera_file(scenes / "arch" / f"{name}.camera.json")
+def test_the_rooms_own_cameras_are_right_handed_and_upright(name):
+    camera = camera_file(shared_scene(f"arch/{name}.camera.json"))
     # A mirrored picture would have right = forward x up with the other sign.
     np.testing.assert_allclose(np.cross(camera.forward, camera.up), camera.right, atol=1e-4)
     assert camera.up[1] > 0.9
