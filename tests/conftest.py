@@ -6,9 +6,15 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from clgrid.description import Description, matching
 from clgrid.device import Device, choose, describe_all, usable
+
+# No test judges by the clock: a slow machine is not a fault.
+settings.register_profile("clgrid", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("clgrid")
+
 
 ROOT = Path(__file__).resolve().parent.parent
 
