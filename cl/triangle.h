@@ -123,8 +123,10 @@ bool intersect_triangle(const Shear *s, __global const float *vertices, __global
 }
 
 // Takes triangle `id` as the hit if it is nearer, or as near with a lower id.
-__attribute__((noinline)) void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices,
-                  __global const uint *faces, uint id, Hit *hit)
+// Rare and large: kept out of line, it leaves the walk its registers.
+__attribute__((noinline))
+void keep_nearest(const Ray *ray, const Shear *s, __global const float *vertices, __global const uint *faces,
+                  uint id, Hit *hit)
 {
     float t;
     if (intersect_triangle(s, vertices, faces + 3 * (size_t)id, &t, 0)) {

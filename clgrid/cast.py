@@ -205,22 +205,15 @@ def _launch(
     device: Device, launch: Launch, rays: list[npt.NDArray[Any]], results: list[npt.NDArray[Any]]
 ) -> None:
     """One launch, straight on the host arrays where the device can; fills the results."""
-    import pyopencl as cl
-
-    context, queue = device.context, device.queue
-    read = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-    write = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
-    inputs = [cl.Buffer(context, read, hostbuf=array) for array in rays]
-    outputs = [cl.Buffer(context, write, hostbuf=array) for array in results]
+    allocator = Allocator(device)
+    inputs = [allocator.share(array) for array in rays]
+    outputs = [allocator.results(array) for array in results]
     defines: dict[str, int | str] = {"RAY_REAL": "float" if rays[0].dtype == np.float32 else "double"}
     if len(rays[2]) > 1:
         defines["PER_RAY_T"] = 1
     launch(inputs, len(rays[0]), outputs, defines)
     for array, buffer in zip(results, outputs, strict=True):
-        # Mapping is what makes the host array current; on CPU devices it moves nothing.
-        mapped, _ = cl.enqueue_map_buffer(queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype)
-        mapped.base.release(queue)
-    queue.finish()
+        allocator.bring_home(array, buffer)
 
 
 def cast_closest(target: DeviceMesh, grid: CompactGrid, *rays: Any) -> Hits:

@@ -93,6 +93,26 @@ class Allocator:
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
         return cl.Buffer(self._device.context, flags, hostbuf=array)
 
+    def results(self, array: npt.NDArray[Any]) -> Any:
+        """A buffer over the C-contiguous host array, for a kernel to write; see ``bring_home``."""
+        import pyopencl as cl
+
+        flags = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
+        return cl.Buffer(self._device.context, flags, hostbuf=array)
+
+    def bring_home(self, array: npt.NDArray[Any], buffer: Any) -> None:
+        """Wait for the kernels, make the array under a buffer of ``results`` current, and release that.
+
+        Mapping is what makes the array current; on CPU devices it moves nothing.
+        """
+        import pyopencl as cl
+
+        queue = self._device.queue
+        mapped, _ = cl.enqueue_map_buffer(queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype)
+        mapped.base.release(queue)
+        queue.finish()
+        buffer.release()
+
     def download(self, buffer: Any, dtype: npt.DTypeLike, count: int) -> npt.NDArray[Any]:
         """The first ``count`` items of the buffer."""
         import pyopencl as cl

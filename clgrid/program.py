@@ -59,14 +59,11 @@ class Build:
         The .cl file.
     options : tuple of str
         The ``-D`` options compiled in.
-    seconds : float
-        What the first build took, from the driver's or pyopencl's disk cache or not.
     """
 
     device: Device
     file: str
     options: tuple[str, ...]
-    seconds: float
 
 
 @functools.cache
@@ -106,11 +103,6 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
             _check_once(device)
             kernels[variant, name] = _fetch(variant, name)
     return kernels[variant, name]
-
-
-def compile_seconds(device: Device) -> float:
-    """Seconds that first builds of programs took on ``device`` in this process."""
-    return sum(build.seconds for build in builds(device))
 
 
 def builds(device: Device) -> list[Build]:
@@ -172,14 +164,13 @@ def _check_once(device: Device) -> None:
 
 
 def _fetch(variant: _Variant, name: str) -> Any:
-    """The kernel of a variant, which is built and timed if it is new."""
-    start, known = time.perf_counter(), _programs.get(variant)
+    """The kernel of a variant, which is built if it is new."""
+    known = _programs.get(variant)
     program, found = _kernel_of(
         variant.device, variant.file, variant.options, structs.declarations(), name, known
     )
     if known is None:
-        seconds = time.perf_counter() - start
-        _builds.append(Build(variant.device, variant.file, variant.options, seconds))
+        _builds.append(Build(variant.device, variant.file, variant.options))
     _programs[variant] = program
     return found
 

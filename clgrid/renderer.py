@@ -167,14 +167,14 @@ def _draw(
     tiles_across = -(-image.width // _TILE)
     for first, last in _bands(image.width, image.height, device, watched=progress is not None):
         parts = [array[first:last] for array in arrays]
-        outputs = [_over(device, part) for part in parts]
+        outputs = [allocator.results(part) for part in parts]
         tiles = tiles_across * -(-(last - first) // _TILE)
         draw(
             device.queue, (tiles,), (1,), *inputs, np.uint32(first), np.uint32(last - first),
             *colour, *normals, *outputs,
         )  # fmt: skip
         for part, buffer in zip(parts, outputs, strict=True):
-            _bring_home(device, part, buffer)
+            allocator.bring_home(part, buffer)
         if progress is not None:
             progress(last / image.height)
 
@@ -194,24 +194,6 @@ def _bands(width: int, height: int, device: Device, *, watched: bool) -> Iterato
         rows -= rows % _TILE
     for first in range(0, height, rows):
         yield first, min(first + rows, height)
-
-
-def _over(device: Device, array: npt.NDArray[Any]) -> Any:
-    """Make a buffer over the array itself: no copy on CPU devices."""
-    import pyopencl as cl
-
-    flags = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
-    return cl.Buffer(device.context, flags, hostbuf=array)
-
-
-def _bring_home(device: Device, array: npt.NDArray[Any], buffer: Any) -> None:
-    """Wait for the kernel and make the array under the buffer current."""
-    import pyopencl as cl
-
-    mapped, _ = cl.enqueue_map_buffer(device.queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype)
-    mapped.base.release(device.queue)
-    device.queue.finish()
-    buffer.release()
 
 
 def _geometry_ids(mesh: Mesh, primitive_ids: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from meshes import soup
 from oracle import U, exact_lists, local_mesh
 from rays import lattice_meshes
 from scenes import scene
@@ -54,11 +55,6 @@ def assert_cells_hold_what_they_must(mesh: Mesh, resolution: Resolution, device:
     for found, must, should, may in zip(lists_of(grid), least, tight, most, strict=True):
         assert all(a < b for a, b in pairwise(found))
         assert set(must) <= set(should) <= set(found) <= set(may)
-
-
-def soup(corners: np.ndarray) -> Mesh:
-    flat = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
-    return Mesh(flat, np.arange(len(flat), dtype=np.uint32).reshape(-1, 3))
 
 
 def near_planes(resolution: Resolution) -> Mesh:

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
+from meshes import soup
 from oracle import (
     U,
     closest,
@@ -27,12 +28,6 @@ from clgrid.mesh import Mesh
 HIT_ERROR = 26.0  # of cl/config.h, in units of 2^-24
 PROVEN_ASIDE, PROVEN_LATE = 14.6, 11.1  # docs/numerics.md, likewise
 MOVED = 16.3  # likewise: how far rounding moves a vertex, seen along the ray
-
-
-def soup(corners: np.ndarray, dtype: type = np.float32) -> Mesh:
-    """A mesh of unconnected triangles, (F, 3, 3)."""
-    flat = np.ascontiguousarray(corners.reshape(-1, 3), dtype)
-    return Mesh(flat, np.arange(len(flat), dtype=np.uint32).reshape(-1, 3))
 
 
 def random_soup(rng: np.random.Generator) -> Mesh:
