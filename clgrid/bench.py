@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import TypeVar
 
 from clgrid import record
 from clgrid.device import Device
@@ -15,6 +16,8 @@ from clgrid.image import Image
 from clgrid.record import BenchRecord, Failure, Row
 from clgrid.renderer import render, warm_up
 from clgrid.scene import Scene, load_scene
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,11 @@ class Work:
         Times that build and render are timed, in turns, after one unmeasured turn.
     layout, density, resolution, accuracy, max_memory, skipping
         As for ``clgrid.build``.
+
+    Raises
+    ------
+    InputError
+        If the repetitions are not at least 1.
     """
 
     width: int = 1024
@@ -40,6 +48,10 @@ class Work:
     accuracy: str = "robust"
     max_memory: int | None = None
     skipping: bool = False
+
+    def __post_init__(self) -> None:
+        if self.repetitions < 1:
+            raise InputError(f"bench: {self.repetitions} repetitions; give at least 1")
 
     def build(self, scene: Scene, device: Device) -> Grid:
         """Build the scene's grid as this work asks."""
@@ -127,10 +139,8 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     Raises
     ------
     ClgridError
-        If the scene cannot be loaded, built or rendered, or the repetitions are not at least 1.
+        If the scene cannot be loaded, built or rendered.
     """
-    if work.repetitions < 1:
-        raise InputError(f"bench: {work.repetitions} repetitions; give at least 1")
     scene, load_s = load_timed(name)
     seen = Measurement(scene, load_s, device)
     smooth = scene.mesh.vertex_normals is not None
@@ -175,26 +185,41 @@ def bench(
     DeviceError
         If the device cannot be used at all.
     """
-    rows: list[Row] = []
+    rows, failures = each(names, lambda name: bench_scene(name, work, device), progress)
+    return BenchRecord(
+        schema=record.schema("bench"),
+        clgrid=record.version(),
+        device=record.describe_device(device),
+        compiled=record.describe_builds(device),
+        process_peak_bytes=record.process_peak_bytes(),
+        rows=rows,
+        failures=failures,
+    )
+
+
+def each(
+    names: Sequence[str], measure: Callable[[str], Made], progress: Callable[[str], None]
+) -> tuple[list[Made], list[Failure]]:
+    """Measure scenes one after another; one that fails does not stop the others.
+
+    Raises
+    ------
+    DeviceError
+        If the device cannot be used at all.
+    """
+    rows: list[Made] = []
     failures: list[Failure] = []
     for name in names:
         progress(name)
         try:
-            rows.append(bench_scene(name, work, device))
+            rows.append(measure(name))
         except DeviceError:
             raise
         except ClgridError as error:
             failures.append(Failure(name, str(error)))
         except Exception as error:  # whatever else a scene provokes is this scene's failure too
             failures.append(Failure(name, f"{type(error).__name__}: {error}"))
-    return BenchRecord(
-        schema=record.schema("bench"),
-        clgrid=record.version(),
-        device=record.describe_device(device),
-        compiled=record.describe_builds(device),
-        rows=rows,
-        failures=failures,
-    )
+    return rows, failures
 
 
 def rate(count: int, seconds: Sequence[float]) -> float:

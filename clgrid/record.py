@@ -6,6 +6,8 @@ whatever was timed is a list with one entry a repetition.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import TypeVar
 
 import msgspec
@@ -100,11 +102,153 @@ class Failure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     error: str
 
 
-class BenchRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class BenchHeader(Header, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What every record of ``clgrid bench`` begins with.
+
+    Attributes
+    ----------
+    process_peak_bytes : int or None
+        Most memory that the process held at once, from its start to the record: meshes, rays, pictures, the
+        interpreter, and on CPU devices the buffers too. None where the system does not say.
+    """
+
+    process_peak_bytes: int | None
+
+
+class BenchRecord(BenchHeader, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``clgrid bench --json``."""
 
     rows: list[Row]
     failures: list[Failure]
+
+
+class RayKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The rays of one kind in a workload.
+
+    Attributes
+    ----------
+    kind : str
+        ``primary``, ``shadow`` or ``bounce K``.
+    cast_s : list of float
+        Seconds of the casts from host arrays to host arrays, one entry a repetition; that the rays were
+        made is not in it.
+    mrays_per_s : float
+        Millions a second, by the median.
+    """
+
+    kind: str
+    rays: int
+    hits: int
+    cast_s: list[float]
+    mrays_per_s: float
+
+
+class WorkloadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The rays of a workload through one grid, by kind and in all; sizes in bytes.
+
+    Attributes
+    ----------
+    bounces : int
+        Of each path after its primary ray; 0 but for ``diffuse``.
+    peak_bytes : int
+        Most device bytes that the build held at once.
+    rays, hits, cast_s, mrays_per_s
+        Of all kinds together, as in ``RayKind``.
+    checked : int
+        Size of the sample that was compared with brute force.
+    differing : int
+        How many of them differ in a bit of t, id, u or v.
+    differing_share : float or None
+        ``differing / checked``; None where nothing was checked.
+    """
+
+    scene: str
+    triangles: int
+    workload: str
+    bounces: int
+    layout: str
+    accuracy: str
+    density: float
+    resolution: tuple[int, int, int]
+    references: int
+    grid_bytes: int
+    bytes_per_triangle: float
+    peak_bytes: int
+    width: int
+    height: int
+    kinds: list[RayKind]
+    rays: int
+    hits: int
+    cast_s: list[float]
+    mrays_per_s: float
+    checked: int
+    differing: int
+    differing_share: float | None
+    device: str
+    warnings: tuple[str, ...] = ()
+
+
+class WorkloadRecord(BenchHeader, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``clgrid bench --workload --json``."""
+
+    rows: list[WorkloadRow]
+    failures: list[Failure]
+
+
+class FrameRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One frame of a moving mesh: seconds, one entry a repetition; sizes in bytes.
+
+    Attributes
+    ----------
+    build_s : list of float
+        Wall time from the frame's vertices on the host to its finished grid.
+    """
+
+    frame: int
+    resolution: tuple[int, int, int]
+    references: int
+    grid_bytes: int
+    peak_bytes: int
+    build_s: list[float]
+    render_s: list[float]
+    time_to_image_s: list[float]
+    hits: int
+
+
+class FrameMedians(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Medians over all frames and repetitions."""
+
+    build_s: float
+    render_s: float
+    time_to_image_s: float
+
+
+class FramesRecord(BenchHeader, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``clgrid bench --frames --json``.
+
+    Attributes
+    ----------
+    frames : str
+        The file.
+    frames_bytes : int
+        Of the sequence's host array.
+    """
+
+    scene: str
+    frames: str
+    frames_bytes: int
+    triangles: int
+    vertices: int
+    layout: str
+    accuracy: str
+    width: int
+    height: int
+    rays: int
+    load_s: list[float]
+    first_compile_s: list[float]
+    rows: list[FrameRow]
+    medians: FrameMedians
+    warnings: tuple[str, ...] = ()
 
 
 class RenderRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -163,7 +307,7 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def schema(verb: str) -> str:
-    """Return the schema that ``clgrid VERB --json`` writes."""
+    """Return the schema that ``clgrid VERB --json`` writes; a mode of a verb is ``VERB.MODE``."""
     return f"clgrid.{verb}/1"
 
 
@@ -180,6 +324,25 @@ def describe_builds(device: Device) -> tuple[str, ...]:
 def version() -> str:
     """Return clgrid's version."""
     return clgrid.__version__
+
+
+def process_peak_bytes() -> int | None:
+    """Return the most memory that this process has held at once; None where the system does not say.
+
+    Linux hands ``ru_maxrss`` on from parent to child, so that a small process started by a large one would
+    look large; the high-water mark of the address space is the process's own.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.is_file() else []
+    for line in lines:
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) << 10
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak << 10
 
 
 def encode(record: msgspec.Struct) -> str:

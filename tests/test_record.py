@@ -1,8 +1,12 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from clgrid.record import (
@@ -12,6 +16,7 @@ from clgrid.record import (
     Row,
     decode,
     encode,
+    process_peak_bytes,
     schema,
 )
 
@@ -45,6 +50,7 @@ RECORD = BenchRecord(
     device=DeviceRecord("n", "d", "p"),
     compiled=("render.cl -DAOV_ID=1",),
     rows=[ROW],
+    process_peak_bytes=12345,
     failures=[Failure("bad.ply", "bad.ply: truncated")],
 )
 
@@ -65,7 +71,7 @@ def test_rows_carry_the_fields_that_were_promised():
 
 def test_headers_carry_the_fields_that_were_promised():
     document = json.loads(encode(RECORD))
-    assert {"schema", "clgrid", "device", "compiled", "seeds"} <= set(document)
+    assert {"schema", "clgrid", "device", "compiled", "seeds", "process_peak_bytes"} <= set(document)
     assert document["schema"] == "clgrid.bench/1"
     assert set(document["device"]) == {"name", "driver", "platform"}
 
@@ -86,3 +92,16 @@ def test_a_record_that_strays_from_the_schema_is_refused(change):
     change(document)
     with pytest.raises(msgspec.ValidationError):
         decode(json.dumps(document), BenchRecord)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not say what a process held")
+def test_a_process_counts_its_own_memory_and_not_its_parents():
+    held = np.ones(300 << 20, np.uint8)
+    mine = process_peak_bytes()
+    assert mine is not None
+    assert mine > held.nbytes
+    code = "from clgrid.record import process_peak_bytes; print(process_peak_bytes())"
+    root = Path(__file__).parent.parent
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert 1 << 20 < int(done.stdout) < held.nbytes
+    assert process_peak_bytes() >= mine

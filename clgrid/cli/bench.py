@@ -2,23 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from clgrid.cli import options, output
+from clgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from clgrid.record import BenchRecord
+    from rich.table import Table
+
+    from clgrid.bench import Work
+    from clgrid.device import Device
+    from clgrid.record import BenchRecord, Failure, FramesRecord, WorkloadRecord
+
+RAYS, MOTION = "Rays of renderers", "Moving meshes"
 
 Repetitions = Annotated[
-    int, typer.Option("--reps", min=1, help="Timed turns of build and render, after one untimed.")
+    int, typer.Option("--reps", min=1, help="Timed turns of all that is measured, after one untimed.")
+]
+WorkloadName = Annotated[
+    str | None,
+    typer.Option(
+        "--workload",
+        metavar="primary|shadow|diffuse",
+        help="Cast these rays as arrays, and compare a sample with brute force: the camera's, one from each"
+        " of their hits to a light, or a path tracer's. A difference is exit code 2.",
+        rich_help_panel=RAYS,
+        show_default=False,
+    ),
+]
+Bounces = Annotated[
+    int | None,
+    typer.Option(help="Of each path of --workload diffuse. Default: 4.", rich_help_panel=RAYS),
+]
+Seed = Annotated[
+    int | None, typer.Option(help="Of directions and samples. Default: 0.", rich_help_panel=RAYS)
+]
+Check = Annotated[
+    int | None,
+    typer.Option(
+        metavar="RAYS", help="Compare so many rays with brute force. Default: 4096.", rich_help_panel=RAYS
+    ),
+]
+FramesFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--frames",
+        metavar="FILE.npy",
+        help="Rebuild and draw the scene's triangles with the vertices of each frame: float32 of shape"
+        " (frames, vertices, 3), gzipped or not.",
+        rich_help_panel=MOTION,
+        show_default=False,
+    ),
 ]
 
 
 def bench(
     scenes: options.SceneNames,
+    workload: WorkloadName = None,
+    bounces: Bounces = None,
+    seed: Seed = None,
+    check: Check = None,
+    frames: FramesFile = None,
     size: options.Size = "1024x1024",
     reps: Repetitions = 5,
     layout: options.Layout = "compact",
@@ -33,16 +82,17 @@ def bench(
 ) -> int:
     """Measure build, render, time to image and bytes of scenes; medians in a table.
 
-    A scene that fails is reported and does not stop the others; the exit code is then 1.
+    With --workload, the rates of a renderer's rays; with --frames, of a moving mesh. A scene that fails is
+    reported and does not stop the others; the exit code is then 1.
     """
     width, height = options.parse_size(size)
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
     memory = options.parse_bytes(max_memory)
+    given = {"--bounces": bounces, "--seed": seed, "--check": check}
+    numbers = {name[2:]: value for name, value in given.items() if value is not None}
+    _check_modes(scenes, workload, frames, numbers)
 
-    from clgrid import record
     from clgrid.bench import Work
-    from clgrid.bench import bench as measure
-    from clgrid.device import choose
 
     work = Work(
         width=width,
@@ -55,31 +105,121 @@ def bench(
         max_memory=memory,
         skipping=skipping,
     )
+    show = _Show(json=json, quiet=quiet)
+    if workload is not None:
+        return _bench_workload(scenes, workload, numbers, work, device, show)
+    if frames is not None:
+        return _bench_frames(scenes[0], frames, work, device, show)
+    return _bench_scenes(scenes, work, device, show)
+
+
+def _check_modes(
+    scenes: Sequence[str], workload: str | None, frames: Path | None, numbers: dict[str, int]
+) -> None:
+    """Refuse options that would be ignored."""
+    if workload is not None and frames is not None:
+        raise InputError("bench: --workload and --frames are two measurements; give one of them")
+    if frames is not None and len(scenes) != 1:
+        raise InputError(f"bench: --frames moves one mesh; give one scene instead of {len(scenes)}")
+    if workload is None and numbers:
+        raise InputError(f"bench: --{next(iter(numbers))} belongs to --workload; give that too")
+    if workload != "diffuse" and "bounces" in numbers:
+        raise InputError("bench: --bounces belongs to --workload diffuse; leave it out")
+
+
+class _Show:
+    """Where results go: a table, one JSON document, or nothing."""
+
+    def __init__(self, *, json: bool, quiet: bool) -> None:
+        self.json = json
+        self.quiet = quiet
+
+    def result(self, result: BenchRecord | WorkloadRecord | FramesRecord, table: Callable[[], Table]) -> None:
+        from clgrid import record
+
+        if self.json:
+            output.emit(record.encode(result))
+        elif not self.quiet and result.rows:
+            output.emit_table(table())
+            if result.process_peak_bytes is not None:
+                output.emit(f"process memory at most {output.size(result.process_peak_bytes)}\n")
+
+    def failures(self, failures: Sequence[Failure]) -> None:
+        for failure in failures:
+            typer.echo(f"clgrid: error: {failure.error}", err=True)
+
+    def warnings(self, messages: Sequence[str]) -> None:
+        output.warn(messages, quiet=self.quiet)
+
+
+def _bench_scenes(scenes: Sequence[str], work: Work, device: str | None, show: _Show) -> int:
+    from clgrid.bench import bench as measure
+    from clgrid.device import choose
+
     chosen = choose(device)
-    with output.progress(quiet=quiet) as show:
-        result = measure(scenes, work, chosen, lambda name: None if show is None else show(name, None))
-    if json:
-        output.emit(record.encode(result))
-    elif not quiet and result.rows:
-        _emit_rows(result, chosen.description.line())
+    with output.progress(quiet=show.quiet) as step:
+        result = measure(scenes, work, chosen, lambda name: None if step is None else step(name, None))
+    show.result(result, lambda: _scene_table(result, chosen))
     for row in result.rows:
-        output.warn(row.warnings, quiet=quiet)
-    for failure in result.failures:
-        typer.echo(f"clgrid: error: {failure.error}", err=True)
+        show.warnings(row.warnings)
+    show.failures(result.failures)
     return 1 if result.failures else 0
 
 
-def _emit_rows(result: BenchRecord, device: str) -> None:
+def _bench_workload(
+    scenes: Sequence[str], name: str, numbers: dict[str, int], work: Work, device: str | None, show: _Show
+) -> int:
+    from clgrid.device import choose
+    from clgrid.wavefront import Workload
+    from clgrid.workload import bench_workloads, broken_promises
+
+    workload = Workload(name, **numbers)
+    chosen = choose(device)
+    with output.progress(quiet=show.quiet) as step:
+        result = bench_workloads(
+            scenes, workload, work, chosen, lambda scene: None if step is None else step(scene, None)
+        )
+    show.result(result, lambda: _workload_table(result, chosen))
+    for row in result.rows:
+        show.warnings(row.warnings)
+    show.failures(result.failures)
+    broken = broken_promises(result)
+    for message in broken:
+        typer.echo(f"clgrid: error: {message}", err=True)
+    # A wrong answer is worse than a scene that could not be measured.
+    return 2 if broken else 1 if result.failures else 0
+
+
+def _bench_frames(scene: str, frames: Path, work: Work, device: str | None, show: _Show) -> int:
+    from clgrid.device import choose
+    from clgrid.frames import bench_frames
+
+    chosen = choose(device)
+    with output.progress(quiet=show.quiet) as step:
+        result = bench_frames(
+            scene, frames, work, chosen, lambda text: None if step is None else step(text, None)
+        )
+    show.result(result, lambda: _frame_table(result, chosen))
+    show.warnings(result.warnings)
+    return 0
+
+
+def _table(device: Device, repetitions: int, name: str, numbers: Sequence[str]) -> Table:
     from rich.table import Table
 
+    title = f"{device.description.line()}; medians of {repetitions}"
+    table = Table(title=title, title_justify="left", pad_edge=False)
+    table.add_column(name, overflow="fold")
+    for number in numbers:
+        table.add_column(number, justify="right", no_wrap=True)
+    return table
+
+
+def _scene_table(result: BenchRecord, device: Device) -> Table:
     from clgrid.bench import rate
 
-    repetitions = len(result.rows[0].build_s)
-    table = Table(title=f"{device}; medians of {repetitions}", title_justify="left", pad_edge=False)
-    table.add_column("scene", overflow="fold")
-    numbers = ("triangles", "load", "compile", "build", "Mtri/s", "render", "Mrays/s")
-    for name in (*numbers, "time to image", "grid", "B/tri"):
-        table.add_column(name, justify="right", no_wrap=True)
+    times = ("load", "compile", "build", "Mtri/s", "render", "Mrays/s", "time to image")
+    table = _table(device, len(result.rows[0].build_s), "scene", ("triangles", *times, "grid", "B/tri"))
     for row in result.rows:
         table.add_row(
             row.scene,
@@ -94,4 +234,59 @@ def _emit_rows(result: BenchRecord, device: str) -> None:
             output.size(row.grid_bytes),
             f"{row.bytes_per_triangle:.3g}",
         )
-    output.emit_table(table)
+    return table
+
+
+def _workload_table(result: WorkloadRecord, device: Device) -> Table:
+    numbers = ("rays of", "rays", "hits", "cast", "Mrays/s", "grid", "peak", "differ")
+    table = _table(device, len(result.rows[0].cast_s), "scene", numbers)
+    for row in result.rows:
+        for kind in row.kinds:
+            table.add_row(
+                row.scene,
+                kind.kind,
+                f"{kind.rays:,}",
+                f"{kind.hits:,}",
+                output.seconds(median(kind.cast_s)),
+                f"{kind.mrays_per_s:.3g}",
+            )
+        table.add_row(
+            row.scene,
+            "all",
+            f"{row.rays:,}",
+            f"{row.hits:,}",
+            output.seconds(median(row.cast_s)),
+            f"{row.mrays_per_s:.3g}",
+            output.size(row.grid_bytes),
+            output.size(row.peak_bytes),
+            f"{row.differing} of {row.checked:,}" if row.checked else "not checked",
+            end_section=True,
+        )
+    return table
+
+
+def _frame_table(result: FramesRecord, device: Device) -> Table:
+    numbers = ("build", "render", "time to image", "references", "grid", "hits")
+    table = _table(device, len(result.rows[0].build_s), f"frame of {result.scene}", numbers)
+    for row in result.rows:
+        table.add_row(
+            str(row.frame),
+            output.seconds(median(row.build_s)),
+            output.seconds(median(row.render_s)),
+            output.seconds(median(row.time_to_image_s)),
+            f"{row.references:,}",
+            output.size(row.grid_bytes),
+            f"{row.hits:,}",
+            end_section=row is result.rows[-1],
+        )
+    seen = result.medians
+    table.add_row(
+        "median of all",
+        output.seconds(seen.build_s),
+        output.seconds(seen.render_s),
+        output.seconds(seen.time_to_image_s),
+        f"{median(row.references for row in result.rows):,.0f}",
+        output.size(median(row.grid_bytes for row in result.rows)),
+        f"{median(row.hits for row in result.rows):,.0f}",
+    )
+    return table
