@@ -85,7 +85,7 @@ class Measurement:
         grid = work.build(self.scene, self.device)
         self.build_s.append(time.perf_counter() - start)
         if not grid.empty:
-            for stage, seconds in {"upload": grid.upload_s, **grid.compact.build_s}.items():
+            for stage, seconds in {"upload": grid.upload_s, **grid.stats.build_s}.items():
                 self.stages_s.setdefault(stage, []).append(seconds)
         return grid
 

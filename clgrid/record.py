@@ -200,6 +200,8 @@ class FrameRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     Attributes
     ----------
+    peak_bytes : int
+        Most device bytes that this grid has held at once so far, in this frame or an earlier one.
     build_s : list of float
         Wall time from the frame's vertices on the host to its finished grid.
     """

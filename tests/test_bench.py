@@ -68,9 +68,9 @@ def test_empty_scenes_have_a_row(device, tmp_path):
     assert row.warnings
 
 
-def test_no_repetition_is_an_input_error(device):
+def test_no_repetition_is_an_input_error():
     with pytest.raises(InputError, match="repetitions"):
-        bench_scene("cube", Work(8, 8, 0), device)
+        Work(8, 8, 0)
 
 
 def test_rates_use_the_median():

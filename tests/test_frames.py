@@ -3,6 +3,7 @@ from __future__ import annotations
 import gzip
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from clgrid.camera import Camera
 from clgrid.cli import main
 from clgrid.errors import InputError
 from clgrid.frames import bench_frames, bounds_of_all, read_frames
-from clgrid.grid import Grid
+from clgrid.grid import LAYOUTS, Grid
 from clgrid.mesh import Mesh
 from clgrid.procedural import icosphere
 from clgrid.record import FramesRecord, decode, encode
@@ -117,14 +118,15 @@ def test_files_that_are_no_arrays_are_named(tmp_path, save):
 # Measuring
 
 
-def test_each_frame_is_built_and_drawn_as_a_mesh_of_its_own(device, save):
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_each_frame_is_built_and_drawn_as_a_mesh_of_its_own(device, save, layout):
     frames = swelling()
-    result = bench_frames("icosphere:2", save(frames), SMALL, device)
+    result = bench_frames("icosphere:2", save(frames), replace(SMALL, layout=layout), device)
     view = Camera.framing(bounds_of_all(frames, BALL), aspect=24 / 16)
     assert [row.frame for row in result.rows] == [0, 1, 2]
     for row, vertices in zip(result.rows, frames, strict=True):
         mesh = Mesh(np.ascontiguousarray(vertices), BALL.faces)
-        grid = clgrid.build(mesh, device=device)
+        grid = clgrid.build(mesh, layout=layout, device=device)
         assert row.references == grid.stats.references
         assert row.resolution == grid.stats.resolution
         assert row.grid_bytes == grid.nbytes <= row.peak_bytes

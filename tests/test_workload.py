@@ -13,6 +13,7 @@ from clgrid.bench import Work
 from clgrid.cast import Hits
 from clgrid.cli import main
 from clgrid.errors import InputError
+from clgrid.grid import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import icosphere, terrain
 from clgrid.record import WorkloadRecord, decode, encode
@@ -179,6 +180,16 @@ def test_meshes_that_strain_equal_brute_force_too(device, name):
     checked, differing = survey.compare()
     assert checked == sum(kind.rays for kind in survey.kinds.values()) > 0
     assert differing == 0
+
+
+@pytest.mark.parametrize("skipping", [False, True])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_casts_the_same_rays_with_the_same_hits(device, layout, skipping):
+    work = replace(SMALL, layout=layout, skipping=skipping)
+    row = bench_workload("terrain:24", Workload("diffuse", seed=2), work, device)
+    plain = bench_workload("terrain:24", Workload("diffuse", seed=2), SMALL, device)
+    assert (row.layout, row.differing, row.checked) == (layout, 0, row.rays)
+    assert [(k.kind, k.rays, k.hits) for k in row.kinds] == [(k.kind, k.rays, k.hits) for k in plain.kinds]
 
 
 @pytest.mark.parametrize("field", ["t_hit", "primitive_ids", "primitive_uvs"])
