@@ -313,7 +313,7 @@ def test_the_table_has_a_line_a_kind(run, device):
     )  # fmt: skip
     assert (code, err) == (0, "")
     for word in ("terrain:24", "primary", "shadow", "bounce 1", "Mrays/s", "0 of 50", "medians of 2"):
-        assert word in out, word
+        assert word in " ".join(out.split()), word  # a long device name breaks the title's line
 
 
 def test_json_is_one_strict_document(run, device):
