@@ -18,6 +18,7 @@ import clgrid
 
 # What every measurement of one row has in common: the layout changes no answer.
 _SAME = ("hits", "rays", "triangles", "resolution", "references")
+_PLOT = "![Time to image, build time and bytes per triangle over triangles, by layout](figure1.png)"
 
 
 @dataclass(frozen=True)
@@ -51,14 +52,18 @@ class Run:
         )
 
 
-def write_all(folder: Path, run: Run, measured: Sequence[Measured]) -> str:
-    """Write Markdown, CSV and JSON of what there is so far; return the Markdown."""
+def write_all(folder: Path, run: Run, measured: Sequence[Measured], plotted: bool = False) -> str:
+    """Write Markdown, CSV and JSON of what there is so far; return the Markdown.
+
+    ``plotted`` says that the plot shows the same measurements.
+    """
     rows = [flat(one) for one in measured]
     notes = [*linearity(rows, run.processors), *disagreements(measured), paper_note(), *run.remarks]
     codes = {code for one in measured for code in one.codes}
     if len(codes) > 1:
         notes.append(f"The code changed between measurements: {len(codes)} states of it are in this table.")
-    text = markdown(rows, run.processors, [f"    {run.command}", run.headline()], notes)
+    head = ["# The paper's Figure 1", f"    {run.command}", run.headline(), *([_PLOT] if plotted else [])]
+    text = markdown(rows, run.processors, head, notes)
     document = {
         "schema": "clgrid.figure1/1",
         "command": run.command,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -89,13 +88,13 @@ def markdown(
         _section("Against the compact grid", _against(good)),
         _section("Threads", _threads(rows)),
         _section("Not measured", _failures(rows)),
-        "\n".join(f"- {note}" for note in notes),
+        _section("Notes", [f"- {note}" for note in notes]),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _section(title: str, lines: Sequence[str]) -> str:
-    return f"### {title}\n\n" + "\n".join(lines) if lines else ""
+    return f"## {title}\n\n" + "\n".join(lines) if lines else ""
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> list[str]:
@@ -251,7 +250,7 @@ def _digits(value: float | None, digits: int = 3) -> str:
     """So many significant digits, never an exponent."""
     if not value:
         return "" if value is None else "0"
-    places = digits - 1 - math.floor(math.log10(abs(value)))
+    places = digits - 1 - int(f"{value:.{digits - 1}e}".partition("e")[2])
     return f"{round(value, places):,.{max(0, places)}f}"
 
 
