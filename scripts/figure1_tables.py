@@ -32,7 +32,7 @@ def flat(measured: Measured) -> dict[str, Any]:
         "references": references,
         "references_per_triangle": _over(references, triangles),
         "empty_share": m.value("empty_share"),
-        "load_factor": m.value("load_factor"),
+        "load_factor": m.value("load_factor") or None,
         "grid_bytes": m.value("grid_bytes"),
         "bytes_per_triangle": m.value("bytes_per_triangle"),
         "peak_bytes": m.value("peak_bytes"),
