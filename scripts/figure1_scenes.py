@@ -151,8 +151,8 @@ def stand_in(row: str, scenes: Path | None) -> StandIn:
 
 
 def usable_folder(folder: Path) -> Path | None:
-    """Return ``folder`` if it is one of scenes, with the script that splits them; else None."""
-    return folder if (folder / "subdivide.py").is_file() else None
+    """Return ``folder``, or ``scenes`` in it, where the script that splits scenes is; else None."""
+    return next((place for place in (folder, folder / "scenes") if (place / "subdivide.py").is_file()), None)
 
 
 def _require(scenes: Path | None, name: str) -> Path:
