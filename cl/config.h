@@ -8,6 +8,24 @@
 
 #define NO_HIT 0xFFFFFFFFu
 
+// Counts and positions of references: 32 bits unless a grid holds more than those can number.
+#ifdef WIDE_REFERENCES
+typedef ulong ref_index;
+#else
+typedef uint ref_index;
+#endif
+#define NO_REFERENCE ((ref_index)~(ref_index)0)
+
+// A triangle whose box has more cells is entered only in those that it touches: fewer references, for
+// more work. For a smaller box the work is not worth it.
+#define CLIP_CELLS 32u
+
+// Hashed layout: a row is ROW_CELLS consecutive cells, one word of domain bits.
+#define ROW_SHIFT 6u
+#define ROW_CELLS (1u << ROW_SHIFT)
+// A slab of the build has at most 2^16 cells, so that a cell or slot within it is a ushort.
+#define MOST_SLAB_ROWS 1024u
+
 // Empty-space skipping: cells along a brick, and the greatest distance that is kept.
 #define BRICK 4u
 #define FAR_AWAY ((uchar)255)

@@ -3,6 +3,8 @@
 //   depth    AOV_DEPTH: planar depth, scene units, inf on a miss  first_row .. first_row + row_count
 //   normal   AOV_NORMAL: 3 floats, unit, on the viewer's side     is number (y - first_row) * width + x
 //   ids      AOV_ID: triangle, 0xFFFFFFFF on a miss
+//   steps    COUNT_STEPS: cells that the ray looked at
+//   nearest  PARTS: local t of the nearest hit in the parts before, inf at first; they left their pixels
 #include "camera.h"
 #include "grid.h"
 #include "shade.h"
@@ -26,6 +28,12 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #ifdef AOV_ID
                      __global uint *ids,
 #endif
+#ifdef COUNT_STEPS
+                     __global uint *steps,
+#endif
+#ifdef PARTS
+                     __global float *nearest,
+#endif
                      __global float *rgba)
 {
     const uint tiles_across = (camera->width + TILE - 1) / TILE;
@@ -39,8 +47,20 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             double view[3];
             camera_direction(camera, x, first_row + y, view);
             const Ray ray = prepare_ray(eye, view, 0.0, INFINITY, frame);
-            const Hit hit = closest_hit(&ray, GRID_ARGUMENTS, vertices, faces);
             const size_t pixel = (size_t)y * camera->width + x;
+#ifdef PARTS
+            const Hit hit = closest_hit(&ray, bound_of(nearest[pixel]), GRID_ARGUMENTS, vertices, faces);
+#else
+            const Hit hit = closest_hit(&ray, no_hit(), GRID_ARGUMENTS, vertices, faces);
+#endif
+#ifdef COUNT_STEPS
+            steps[pixel] += hit.steps;
+#endif
+#ifdef PARTS
+            if (!(hit.t < nearest[pixel]))
+                continue;
+            nearest[pixel] = hit.t;
+#endif
             float r = background_r, g = background_g, b = background_b, coverage = 0.0f;
             double normal[3] = {0.0, 0.0, 0.0};
             if (hit.id != NO_HIT) {
@@ -65,7 +85,11 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                 normals[3 * pixel + a] = (float)normal[a];
 #endif
 #ifdef AOV_ID
+#ifdef PARTS
+            ids[pixel] = grid->first_triangle + hit.id;
+#else
             ids[pixel] = hit.id;
+#endif
 #endif
         }
     }

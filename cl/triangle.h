@@ -16,6 +16,9 @@ typedef struct {
     float t;
     uint id;                 // NO_HIT on a miss
     float u, v;              // barycentric weights of the second and third vertex
+#ifdef COUNT_STEPS
+    uint steps;              // cells looked at
+#endif
 } Hit;
 
 Shear shear_of(const Ray *ray)
@@ -159,14 +162,13 @@ int8 candidates(const Shear *s, float8 akx, float8 aky, float8 akz, float8 bkx, 
     (float8)(corner[0][axis], corner[1][axis], corner[2][axis], corner[3][axis], corner[4][axis],  \
              corner[5][axis], corner[6][axis], corner[7][axis])
 
-// keep_nearest over a list of 1 to 8 triangles.
+// keep_nearest over 8 triangles; a shorter list is filled up with its last: testing one twice changes nothing.
 void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *vertices,
-                       __global const uint *faces, __global const uint *list, uint count, Hit *hit)
+                       __global const uint *faces, const uint *ids, uint count, Hit *hit)
 {
     __global const float *a[8], *b[8], *c[8];
     for (uint i = 0; i < 8; ++i) {
-        // A short list is filled up with its last triangle: testing one twice changes nothing.
-        __global const uint *face = faces + 3 * (size_t)list[i < count ? i : count - 1];
+        __global const uint *face = faces + 3 * (size_t)ids[i];
         a[i] = vertices + 3 * (size_t)face[0];
         b[i] = vertices + 3 * (size_t)face[1];
         c[i] = vertices + 3 * (size_t)face[2];
@@ -179,21 +181,17 @@ void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *ver
         vstore8(open, 0, lanes);
         for (uint i = 0; i < count; ++i)
             if (lanes[i])
-                keep_nearest(ray, s, vertices, faces, list[i], hit);
+                keep_nearest(ray, s, vertices, faces, ids[i], hit);
     }
-}
-
-// keep_nearest over a list of any length.
-void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *vertices,
-                          __global const uint *faces, __global const uint *list, uint count, Hit *hit)
-{
-    for (uint i = 0; i < count; i += 8)
-        keep_nearest_of_8(ray, s, vertices, faces, list + i, min(count - i, 8u), hit);
 }
 
 Hit no_hit(void)
 {
+#ifdef COUNT_STEPS
+    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f, 0u};
+#else
     const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f};
+#endif
     return miss;
 }
 

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.compact import CompactGrid
 from clgrid.device import Device, choose
 from clgrid.errors import InputError
 from clgrid.frame import LocalFrame
-from clgrid.memory import Allocator
+from clgrid.layouts.lists import CellLists
+from clgrid.memory import Allocator, largest_buffer
 from clgrid.mesh import Mesh
 from clgrid.program import kernel
+from clgrid.target import DeviceMesh, MeshPart
 
 _NO_HIT = 0xFFFFFFFF
 _RAYS_PER_ITEM = 64
 _BRUTE_FORCE_RAYS = 16  # RAYS of cl/brute_force.cl
+_LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
 
@@ -38,6 +40,8 @@ class Hits:
         Barycentric weights of the triangle's second and third vertex; 0 on a miss.
     invalid_rays : int
         Rays that are misses because they are not finite or have no direction.
+    steps : (...) uint32, optional
+        Cells that the ray looked at; computed where asked for.
     """
 
     t_hit: npt.NDArray[np.float64]
@@ -47,6 +51,7 @@ class Hits:
     _mesh: Mesh
     _origins: npt.NDArray[Any]
     _directions: npt.NDArray[Any]
+    steps: npt.NDArray[np.uint32] | None = None
 
     def __getitem__(self, field: str) -> Any:
         if field.startswith("_") or not hasattr(self, field):
@@ -86,28 +91,32 @@ class Hits:
         return points
 
 
-class DeviceMesh:
-    """A mesh in its local frame on a device.
+FIELDS = ("steps",)
+"""Of ``Hits``, beyond those that every cast computes."""
 
-    Parameters
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays as kernels take them.
+
+    Attributes
     ----------
-    mesh : Mesh
-        With at least one triangle.
-    device : Device
+    origins, directions : (..., 3) C-contiguous, both float32 or both float64
+    bounds : (1, 2) or (N, 2) float64
+        t_min and t_max, for all or by ray.
     """
 
-    def __init__(self, mesh: Mesh, device: Device, allocator: Allocator) -> None:
-        self.mesh = mesh
-        self.device = device
-        bounds = mesh.bounds
-        self.frame = LocalFrame.of_bounds(bounds)
-        self.local_bounds = self.frame.to_local(bounds).astype(np.float64)
-        # One float to spare: the build reads vertices four floats at a time.
-        padded = np.zeros(mesh.vertices.size + 1, np.float32)
-        padded[:-1] = self.frame.to_local(mesh.vertices).reshape(-1)
-        self.vertices = allocator.share(padded)
-        self.faces = allocator.share(np.ascontiguousarray(mesh.faces))
-        self.frame_params = allocator.upload(self.frame.params())
+    origins: npt.NDArray[Any]
+    directions: npt.NDArray[Any]
+    bounds: npt.NDArray[np.float64]
+
+
+def as_bounded_rays(
+    origins: npt.ArrayLike, directions: npt.ArrayLike | None, t_min: npt.ArrayLike, t_max: npt.ArrayLike
+) -> Rays:
+    """Rays with their interval; raises InputError as ``as_rays``."""
+    o, d = as_rays(origins, directions)
+    return Rays(o, d, _as_bounds(t_min, t_max, o.shape[:-1]))
 
 
 def as_rays(
@@ -174,31 +183,37 @@ def run(
     target: DeviceMesh,
     launch: Launch,
     rays_per_item: int,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike | None,
-    t_min: npt.ArrayLike,
-    t_max: npt.ArrayLike,
+    rays: Rays,
+    extras: dict[str, npt.NDArray[Any]],
 ) -> Hits:
-    """Cast rays of any leading shape by launches of a bounded number of them."""
-    o, d = as_rays(origins, directions)
-    shape = o.shape[:-1]
-    bounds = _as_bounds(t_min, t_max, shape)
-    flat_o, flat_d = o.reshape(-1, 3), d.reshape(-1, 3)
-    count = len(flat_o)
+    """Cast rays of any leading shape by launches of a bounded number of them.
+
+    Parameters
+    ----------
+    extras : dict of str to (N,) array
+        Further results of the kernel, filled here; "steps" becomes a field of the hits.
+    """
+    shape = rays.origins.shape[:-1]
+    flat_o, flat_d = rays.origins.reshape(-1, 3), rays.directions.reshape(-1, 3)
+    bounds, count = rays.bounds, len(flat_o)
     t_hit = np.full(count, np.inf)
     ids = np.full(count, _NO_HIT, np.uint32)
     uvs = np.zeros((count, 2), np.float32)
     invalid = 0
-    for start in range(0, count, _RAYS_PER_LAUNCH):
-        part = slice(start, min(start + _RAYS_PER_LAUNCH, count))
-        rays = [flat_o[part], flat_d[part], bounds if len(bounds) == 1 else bounds[part]]
-        rejected = np.zeros(-(-len(rays[0]) // rays_per_item), np.uint32)
-        _launch(target.device, launch, rays, [t_hit[part], ids[part], uvs[part], rejected])
+    most = min(_RAYS_PER_LAUNCH, largest_buffer(target.device) // _LARGEST_OF_A_RAY)
+    for start in range(0, count, most):
+        part = slice(start, min(start + most, count))
+        inputs = [flat_o[part], flat_d[part], bounds if len(bounds) == 1 else bounds[part]]
+        rejected = np.zeros(-(-len(inputs[0]) // rays_per_item), np.uint32)
+        outputs = [t_hit[part], ids[part], uvs[part], rejected, *(array[part] for array in extras.values())]
+        _launch(target.device, launch, inputs, outputs)
         invalid += int(rejected.sum())
     primitive_ids = np.where(ids == _NO_HIT, -1, ids.astype(np.int64))
+    steps = extras["steps"].reshape(shape) if "steps" in extras else None
     return Hits(
-        t_hit.reshape(shape), primitive_ids.reshape(shape), uvs.reshape(*shape, 2), invalid, target.mesh, o, d
-    )
+        t_hit.reshape(shape), primitive_ids.reshape(shape), uvs.reshape(*shape, 2), invalid, target.mesh,
+        rays.origins, rays.directions, steps,
+    )  # fmt: skip
 
 
 def _launch(
@@ -216,18 +231,45 @@ def _launch(
         allocator.bring_home(array, buffer)
 
 
-def cast_closest(target: DeviceMesh, grid: CompactGrid, *rays: Any) -> Hits:
-    """Closest hits through the grid; ``rays`` are the last four arguments of ``run``."""
-    device = target.device
+@dataclass(frozen=True)
+class GridPart:
+    """A part of the mesh with the grid over it; most grids have one."""
+
+    mesh: MeshPart
+    lists: CellLists
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The kernel arguments that every traversal takes, in the order of cl/grid.h."""
+        return [*self.lists.arguments, self.mesh.vertices, self.mesh.faces]
+
+
+def part_defines(parts: Sequence[GridPart]) -> dict[str, int | str]:
+    """The option with which kernels take the parts of a mesh one after another."""
+    return {"PARTS": 1} if len(parts) > 1 else {}
+
+
+def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: Sequence[str]) -> Hits:
+    """Closest hits through the grids of all parts."""
+    device, count = target.device, len(rays.origins.reshape(-1, 3))
+    extras: dict[str, npt.NDArray[Any]] = {}
+    options = part_defines(parts)
+    if "steps" in fields:
+        extras["steps"] = np.zeros(count, np.uint32)
+        options["COUNT_STEPS"] = 1
+    if len(parts) > 1:
+        extras["nearest"] = np.full(count, np.inf, np.float32)
 
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: dict[str, int | str]) -> None:
-        kernel(device, "cast_closest.cl", "cast_closest", **defines, **grid.defines)(
-            device.queue, (-(-count // _RAYS_PER_ITEM),), (1,), target.frame_params,
-            *grid.arguments, target.vertices, target.faces,
-            *inputs, np.uint32(count), np.uint32(_RAYS_PER_ITEM), *outputs,
-        )  # fmt: skip
+        for part in parts:
+            kernel(
+                device, "cast_closest.cl", "cast_closest", **defines, **options, **part.lists.defines
+            )(
+                device.queue, (-(-count // _RAYS_PER_ITEM),), (1,), target.frame_params,
+                *part.arguments, *inputs, np.uint32(count), np.uint32(_RAYS_PER_ITEM), *outputs,
+            )  # fmt: skip
 
-    return run(target, launch, _RAYS_PER_ITEM, *rays)
+    return run(target, launch, _RAYS_PER_ITEM, rays, extras)
 
 
 def _soup(mesh: Mesh, frame: LocalFrame) -> npt.NDArray[np.float32]:
@@ -257,8 +299,9 @@ def brute_force(
         As for ``build``.
     """
     chosen = device if isinstance(device, Device) else choose(device)
+    rays = as_bounded_rays(origins, directions, t_min, t_max)
     if mesh.triangle_count == 0:
-        return no_hits(mesh, origins, directions, t_min, t_max)
+        return no_hits(mesh, rays, ())
     allocator = Allocator(chosen)
     target = DeviceMesh(mesh, chosen, allocator)
     soup = _soup(mesh, target.frame)
@@ -268,24 +311,18 @@ def brute_force(
         kernel(chosen, "brute_force.cl", "brute_force", **defines)(
             chosen.queue, (-(-count // _BRUTE_FORCE_RAYS),), (1,), target.frame_params,
             np.uint32(mesh.triangle_count), np.uint32(soup.shape[1]), soup_buffer,
-            target.vertices, target.faces, *inputs, np.uint32(count), *outputs,
+            target.whole.vertices, target.whole.faces, *inputs, np.uint32(count), *outputs,
         )  # fmt: skip
 
-    return run(target, launch, _BRUTE_FORCE_RAYS, origins, directions, t_min, t_max)
+    return run(target, launch, _BRUTE_FORCE_RAYS, rays, {})
 
 
-def no_hits(
-    mesh: Mesh,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike | None,
-    t_min: npt.ArrayLike,
-    t_max: npt.ArrayLike,
-) -> Hits:
+def no_hits(mesh: Mesh, rays: Rays, fields: Sequence[str]) -> Hits:
     """The answer for a mesh without triangles."""
-    o, d = as_rays(origins, directions)
+    o, d = rays.origins, rays.directions
     shape = o.shape[:-1]
-    bounds = _as_bounds(t_min, t_max, shape)
     sound = np.isfinite(o).all(-1) & np.isfinite(d).all(-1) & (d != 0).any(-1)
-    invalid = int(np.sum(~sound.reshape(-1) | np.isnan(bounds).any(-1)))
+    invalid = int(np.sum(~sound.reshape(-1) | np.isnan(rays.bounds).any(-1)))
     ids = np.full(shape, -1, np.int64)
-    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), invalid, mesh, o, d)
+    steps = np.zeros(shape, np.uint32) if "steps" in fields else None
+    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), invalid, mesh, o, d, steps)

@@ -27,6 +27,10 @@ class GridTooLargeError(ClgridError):
     """A grid that would not fit in the device, in 32-bit indices or in ``max_memory``."""
 
 
+class BufferTooLargeError(GridTooLargeError):
+    """An array beyond what one buffer of the device may hold."""
+
+
 class ImageError(ClgridError):
     """A picture that cannot be written or read."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,17 +11,50 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid import compact
-from clgrid.cast import DeviceMesh, Hits, cast_closest, no_hits
+from clgrid import layouts
+from clgrid.cast import FIELDS, GridPart, Hits, as_bounded_rays, cast_closest, no_hits
 from clgrid.device import Device, choose
-from clgrid.errors import InputError
+from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
+from clgrid.layouts import LAYOUTS
+from clgrid.layouts.planes import plane_params
 from clgrid.memory import Allocator
-from clgrid.mesh import Mesh
+from clgrid.mesh import FloatArray, Mesh
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
+from clgrid.target import DeviceMesh, MeshPart
 
-LAYOUTS = ("compact",)
 ACCURACIES = ("robust",)
+
+
+# Of the arrays of cl/lists.h; those of _POSITIONS are uint64 in a grid of more than 2^32 references.
+_POSITIONS = ("cells", "table", "heads", "next", "pointers")
+_DTYPES: dict[str, type[np.unsignedinteger[Any]]] = {
+    **dict.fromkeys(
+        (*_POSITIONS, "references", "table_starts", "triangles", "sizes", "capacities", "pool"), np.uint32
+    ),
+    "domain": np.uint64,
+    "offsets": np.uint16,
+}
+# So many times a mesh is split for the sake of a device's largest buffer.
+_MOST_PARTS = 256
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a grid is built: the arguments of ``build`` that outlive it, as checked."""
+
+    layout: str
+    density: float
+    resolution: tuple[int, int, int] | None
+    accuracy: str
+    max_memory: int | None
+    skipping: bool
+
+    def params(self, part: MeshPart) -> npt.NDArray[np.void]:
+        """The planes of the grid over a part of the mesh."""
+        bounds = part.local_bounds
+        cells = self.resolution or by_density(bounds[1] - bounds[0], part.count, self.density)
+        return plane_params(bounds, cells, part.count, part.first)
 
 
 @dataclass(frozen=True)
@@ -31,12 +65,19 @@ class GridStats:
     ----------
     triangles, cells, references : int
     resolution : (int, int, int)
+        Of the first part.
     density : float
         Cells per triangle, as built.
     empty_share : float
         Share of cells with an empty list.
+    slots : int
+        Of the hash table; 0 for a layout without one.
+    load_factor : float
+        Share of the slots that hold a list; 0 without a hash table.
+    parts : int
+        Grids, each over a run of triangles: one unless the device's largest buffer is too small for that.
     build_s : dict of str to float
-        Seconds of each stage on the device: count, scan, bin, insert.
+        Seconds of each stage on the device: count, scan, bin, then the layout's own.
     upload_s : float
         Seconds to bring the mesh into its local frame and to the device.
     nbytes : dict of str to int
@@ -51,6 +92,9 @@ class GridStats:
     resolution: tuple[int, int, int]
     density: float
     empty_share: float
+    slots: int
+    load_factor: float
+    parts: int
     build_s: dict[str, float]
     upload_s: float
     nbytes: dict[str, int]
@@ -63,35 +107,104 @@ class Grid:
     Attributes
     ----------
     mesh : Mesh
+        The one given, or moved by ``update``.
     device : Device
     layout, accuracy : str
+    skipping : bool
+    parts : list of GridPart
+        The arrays on the device; none for a mesh without triangles.
     upload_s : float
         Seconds to bring the mesh into its local frame and to the device.
     """
 
-    def __init__(self, mesh: Mesh, device: Device, layout: str, accuracy: str, skipping: bool) -> None:
+    def __init__(self, mesh: Mesh, device: Device, recipe: Recipe) -> None:
         self.mesh = mesh
         self.device = device
-        self.layout = layout
-        self.accuracy = accuracy
-        self.skipping = skipping
-        self._allocator = Allocator(device)
+        self.recipe = recipe
+        self.parts: list[GridPart] = []
+        self._allocator = Allocator(device, recipe.max_memory)
         self._target: DeviceMesh | None = None
-        self._compact: compact.CompactGrid | None = None
         self.upload_s = 0.0
 
-    def _build(self, density: float, resolution: tuple[int, int, int] | None, max_memory: int | None) -> None:
+    @property
+    def layout(self) -> str:
+        """How cells find their lists."""
+        return self.recipe.layout
+
+    @property
+    def accuracy(self) -> str:
+        """The rung of the accuracy ladder."""
+        return self.recipe.accuracy
+
+    @property
+    def skipping(self) -> bool:
+        """Whether rays leap over empty space."""
+        return self.recipe.skipping
+
+    def _build(self) -> None:
         start = time.perf_counter()
-        self._allocator = Allocator(self.device, max_memory)
         if self._target is None:
             self._target = DeviceMesh(self.mesh, self.device, self._allocator)
-            self.upload_s = time.perf_counter() - start
-        bounds = self._target.local_bounds
-        cells = resolution or by_density(bounds[1] - bounds[0], self.mesh.triangle_count, density)
-        params = compact.plane_params(bounds, cells, self.mesh.triangle_count)
-        self._compact = compact.build(
-            self.device, self._allocator, self._target.vertices, self._target.faces, params, self.skipping
+        else:
+            self._target.move(self.mesh)
+        target = self._target
+        self.upload_s = 0.0
+        count = 1
+        while True:
+            try:
+                mesh_parts = target.parts(count)
+                self.upload_s = self.upload_s or time.perf_counter() - start
+                for part in mesh_parts:
+                    self.parts.append(self._build_part(part))
+                return
+            except BufferTooLargeError:
+                self._give_back()
+                if count >= min(_MOST_PARTS, self.mesh.triangle_count):
+                    raise
+                count *= 2
+
+    def _build_part(self, part: MeshPart) -> GridPart:
+        recipe, allocator = self.recipe, self._allocator
+        lists = layouts.build(
+            self.device,
+            allocator,
+            part.vertices,
+            part.faces,
+            recipe.params(part),
+            recipe.layout,
+            recipe.skipping,
         )
+        return GridPart(part, lists)
+
+    def _give_back(self) -> None:
+        """Release the arrays of all parts."""
+        for part in self.parts:
+            self._allocator.release(*part.lists.buffers)
+        self.parts = []
+
+    def update(self, vertices: FloatArray) -> None:
+        """Rebuild the grid in place for moved vertices, on the device, allocating only what grew.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float32 or float64
+            One a vertex of the mesh, scene units. Vertex normals of the mesh are dropped.
+
+        Raises
+        ------
+        MeshError
+            If shape or dtype do not fit, or a position is not finite; the grid stays as it was.
+        GridTooLargeError
+            If the new grid would exceed a limit; there is then no grid until an update succeeds.
+        """
+        moved = self.mesh.moved(vertices)
+        if self.empty:
+            return
+        self.mesh = moved
+        self.__dict__.pop("stats", None)
+        self._allocator.recycles = True
+        self._give_back()
+        self._build()
 
     @property
     def target(self) -> DeviceMesh:
@@ -101,16 +214,22 @@ class Grid:
         return self._target
 
     @property
-    def compact(self) -> compact.CompactGrid:
-        """The arrays on the device; only for a mesh that has triangles."""
-        if self._compact is None:
-            raise InputError("the mesh has no triangles, so there is no grid on a device")
-        return self._compact
-
-    @property
     def empty(self) -> bool:
         """Whether the mesh has no triangles; every ray then misses."""
-        return self._compact is None
+        return self.mesh.triangle_count == 0
+
+    @property
+    def standing(self) -> list[GridPart]:
+        """The parts of a grid that is not empty.
+
+        Raises
+        ------
+        InputError
+            If the last update failed.
+        """
+        if not self.parts:
+            raise InputError("the last update failed, so there is no grid; update it with other vertices")
+        return self.parts
 
     @property
     def frame(self) -> LocalFrame:
@@ -118,9 +237,14 @@ class Grid:
         return self.target.frame
 
     @property
+    def build_s(self) -> dict[str, float]:
+        """Seconds of each stage on the device."""
+        return _sums([part.lists.build_s for part in self.parts])
+
+    @property
     def nbytes(self) -> int:
         """Bytes of the acceleration structure, exactly; the mesh is not part of it."""
-        return 0 if self._compact is None else sum(self._compact.nbytes.values())
+        return sum(sum(part.lists.nbytes.values()) for part in self.parts)
 
     @property
     def peak_nbytes(self) -> int:
@@ -129,32 +253,44 @@ class Grid:
 
     @cached_property
     def stats(self) -> GridStats:
-        """Counts, bytes and seconds; the share of empty cells is counted at the first call."""
-        if self._compact is None:
-            return GridStats(0, 0, 0, (0, 0, 0), 0.0, 1.0, {}, 0.0, {}, 0)
-        grid, triangles = self._compact, self.mesh.triangle_count
-        starts, _ = self.arrays()
-        empty = int(np.count_nonzero(starts[1:] == starts[:-1]))
+        """Counts, bytes and seconds."""
+        if self.empty:
+            return GridStats(0, 0, 0, (0, 0, 0), 0.0, 1.0, 0, 0.0, 0, {}, 0.0, {}, 0)
+        lists, triangles = [part.lists for part in self.standing], self.mesh.triangle_count
+        cells, slots = sum(part.cell_count for part in lists), sum(part.slots for part in lists)
+        full = sum(part.full_cells for part in lists)
         return GridStats(
             triangles=triangles,
-            cells=grid.cell_count,
-            references=grid.reference_count,
-            resolution=grid.resolution,
-            density=grid.cell_count / triangles,
-            empty_share=empty / grid.cell_count,
-            build_s=grid.build_s,
+            cells=cells,
+            references=sum(part.reference_count for part in lists),
+            resolution=lists[0].resolution,
+            density=cells / triangles,
+            empty_share=(cells - full) / cells,
+            slots=slots,
+            load_factor=full / slots if slots else 0.0,
+            parts=len(lists),
+            build_s=self.build_s,
             upload_s=self.upload_s,
-            nbytes=grid.nbytes,
+            nbytes=_sums([part.nbytes for part in lists]),
             peak_nbytes=self.peak_nbytes,
         )
 
-    def arrays(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-        """Copies of the grid's two arrays: (M + 1,) list starts and (R,) triangle ids, uint32."""
-        grid = self.compact
-        return (
-            self._allocator.download(grid.cells, np.uint32, grid.cell_count + 1),
-            self._allocator.download(grid.references, np.uint32, grid.reference_count),
-        )
+    def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:
+        """Copies of the arrays of a part, by name, in the order of cl/lists.h.
+
+        Raises
+        ------
+        InputError
+            If the mesh has no triangles.
+        """
+        if self.empty:
+            raise InputError("the mesh has no triangles, so there is no grid on a device")
+        lists = self.standing[part].lists
+        types = {**_DTYPES, **({} if not lists.wide else dict.fromkeys(_POSITIONS, np.uint64))}
+        return {
+            name: self._allocator.download(array.buffer, types[name], array.nbytes // types[name]().itemsize)
+            for name, array in lists.arrays.items()
+        }
 
     def cast(
         self,
@@ -162,6 +298,7 @@ class Grid:
         directions: npt.ArrayLike | None = None,
         t_min: npt.ArrayLike = 0.0,
         t_max: npt.ArrayLike = np.inf,
+        fields: Sequence[str] = (),
     ) -> Hits:
         """Closest hit of each ray.
 
@@ -173,6 +310,8 @@ class Grid:
             Of any length but zero; broadcast against the origins.
         t_min, t_max : float or (...) float64
             Closed interval of the ray parameter, in lengths of the direction.
+        fields : sequence of {"steps"}
+            What to compute beyond the hit: the number of cells that each ray looked at.
 
         Returns
         -------
@@ -181,11 +320,24 @@ class Grid:
         Raises
         ------
         InputError
-            If shapes or dtypes do not fit.
+            If shapes or dtypes do not fit, or a field is unknown.
         """
-        if self._compact is None:
-            return no_hits(self.mesh, origins, directions, t_min, t_max)
-        return cast_closest(self.target, self._compact, origins, directions, t_min, t_max)
+        unknown = [field for field in fields if field not in FIELDS]
+        if unknown:
+            raise InputError(f"fields: unknown {unknown[0]!r}; choose of {', '.join(FIELDS)}")
+        rays = as_bounded_rays(origins, directions, t_min, t_max)
+        if self.empty:
+            return no_hits(self.mesh, rays, fields)
+        return cast_closest(self.target, self.standing, rays, fields)
+
+
+def _sums(tables: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The tables added up, key by key."""
+    total: dict[str, Any] = {}
+    for table in tables:
+        for key, value in table.items():
+            total[key] = total.get(key, 0) + value
+    return total
 
 
 def build(
@@ -203,8 +355,8 @@ def build(
     Parameters
     ----------
     mesh : Mesh
-    layout : {"compact"}
-        How cells find their lists.
+    layout : {"compact", "hashed", "linked-list", "dynamic-array"}
+        How cells find their lists: the paper's two, and those that it compares them with.
     density : float or "auto"
         Cells per triangle; "auto" is the paper's 4.
     resolution : (int, int, int), optional
@@ -227,6 +379,45 @@ def build(
     DeviceError
         If there is no usable device.
     """
+    recipe = _recipe(layout, density, resolution, accuracy, max_memory, skipping)
+    grid = Grid(mesh, device if isinstance(device, Device) else choose(device), recipe)
+    if mesh.triangle_count:
+        grid._build()
+    return grid
+
+
+def predict(
+    mesh: Mesh,
+    layout: str = "compact",
+    density: float | str = "auto",
+    resolution: tuple[int, int, int] | None = None,
+    device: Device | str | None = None,
+    skipping: bool = False,
+) -> dict[str, int]:
+    """Bytes by array of the grid that ``build`` would make, exactly, without keeping any of it.
+
+    Parameters, errors
+        As of ``build``. The mesh must fit in one part on the device.
+    """
+    recipe = _recipe(layout, density, resolution, "robust", None, skipping)
+    if not mesh.triangle_count:
+        return {}
+    chosen = device if isinstance(device, Device) else choose(device)
+    allocator = Allocator(chosen)
+    part = DeviceMesh(mesh, chosen, allocator).whole
+    params = recipe.params(part)
+    return layouts.predict(chosen, allocator, part.vertices, part.faces, params, layout, skipping)
+
+
+def _recipe(
+    layout: str,
+    density: float | str,
+    resolution: tuple[int, int, int] | None,
+    accuracy: str,
+    max_memory: int | None,
+    skipping: bool,
+) -> Recipe:
+    """The options as checked; raises InputError naming the first that is unknown."""
     for name, value, known in (("layout", layout, LAYOUTS), ("accuracy", accuracy, ACCURACIES)):
         if value not in known:
             raise InputError(f"{name} is {value!r}; choose one of {', '.join(known)}")
@@ -235,13 +426,4 @@ def build(
             raise InputError(f"density is {density!r}; give a number or 'auto'")
         density = DEFAULT_DENSITY
     cells = None if resolution is None else checked(resolution)
-    grid = Grid(mesh, device if isinstance(device, Device) else choose(device), layout, accuracy, skipping)
-    if mesh.triangle_count:
-        grid._build(density, cells, max_memory)
-    return grid
-
-
-def device_buffers(grid: Grid) -> list[Any]:
-    """The kernel arguments that every traversal takes, in the order of cl/grid.h."""
-    target, cells = grid.target, grid.compact
-    return [target.frame_params, *cells.arguments, target.vertices, target.faces]
+    return Recipe(layout, density, cells, accuracy, max_memory, skipping)

@@ -1,8 +1,8 @@
 """Pictures: float arrays with named channel groups, written to EXR and PNG and read back.
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
-(primitive_id geometry_id). Ids are a UINT32 part filled from integers: through float buffers
-OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
+(primitive_id geometry_id), ``steps``. Ids and steps are UINT32 parts filled from integers: through float
+buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("depth", np.float32, ("Z",)),
     ("normal", np.float32, ("N.X", "N.Y", "N.Z")),
     ("id", np.uint32, ("primitive_id", "geometry_id")),
+    ("steps", np.uint32, ("steps",)),
 )
 # OpenImageIO's names; it takes a name that it does not know, such as "float32", for half floats.
 _OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
@@ -49,6 +50,8 @@ class Image:
         Unit shading normal in scene axes, on the viewer's side; zero on the background.
     primitive_id, geometry_id : (h, w) uint32 or None
         Triangle and geometry hit; 0xFFFFFFFF on the background.
+    steps : (h, w) uint32 or None
+        Cells that the pixel's ray looked at.
     metadata : dict
         Text, numbers and (4, 4) matrices: attributes of an EXR, lines of a PNG's description.
     """
@@ -58,6 +61,7 @@ class Image:
     normal: npt.NDArray[np.float32] | None = None
     primitive_id: npt.NDArray[np.uint32] | None = None
     geometry_id: npt.NDArray[np.uint32] | None = None
+    steps: npt.NDArray[np.uint32] | None = None
     metadata: dict[str, Attribute] = field(default_factory=dict)
 
     @property
@@ -102,7 +106,13 @@ class Image:
         ids = None
         if self.primitive_id is not None and self.geometry_id is not None:
             ids = np.stack([self.primitive_id, self.geometry_id], -1)
-        arrays = {"rgba": self.rgba, "depth": self.depth, "normal": self.normal, "id": ids}
+        arrays = {
+            "rgba": self.rgba,
+            "depth": self.depth,
+            "normal": self.normal,
+            "id": ids,
+            "steps": self.steps,
+        }
         parts = []
         for name, dtype, channels in _PARTS:
             array = arrays[name]
@@ -175,6 +185,7 @@ def read_image(path: str | Path) -> Image:
         normal=found.get("normal"),
         primitive_id=None if ids is None else ids[..., 0],
         geometry_id=None if ids is None else ids[..., 1],
+        steps=found["steps"][..., 0] if "steps" in found else None,
         metadata=metadata,
     )
 

@@ -8,9 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.device import Device
-from clgrid.errors import GridTooLargeError
+from clgrid.errors import BufferTooLargeError, GridTooLargeError
 
 _ADVICE = "lower the density or the resolution"
+# A recycled buffer may be so many times as large as what is asked for, or a little.
+_LOOSEST_FIT, _LITTLE = 2, 1 << 16
+# Room to grow, in a buffer that will be recycled: 1/8.
+_HEADROOM = 8
+
+
+def largest_buffer(device: Device) -> int:
+    """Most bytes of one buffer on the device."""
+    return int(device.cl_device.max_mem_alloc_size)
 
 
 class Allocator:
@@ -25,17 +34,24 @@ class Allocator:
     Attributes
     ----------
     in_use, peak_nbytes : int
-        Bytes in buffers made here and not released, now and at most.
+        Bytes in buffers made here and not given back to the device, now and at most.
+    recycles : bool
+        Whether released buffers are kept for the next that fits them. A rebuild then allocates nothing.
+    allocations : int
+        Buffers made so far.
     """
 
     def __init__(self, device: Device, max_bytes: int | None = None) -> None:
         self._device = device
         self._max_bytes = max_bytes
+        self._spare: list[Any] = []
         self.in_use = 0
         self.peak_nbytes = 0
+        self.recycles = False
+        self.allocations = 0
 
     def check(self, nbytes: int, what: str, largest: int | None = None, transient: int = 0) -> None:
-        """Raise GridTooLargeError if a structure of so many bytes may not or cannot be.
+        """Raise if a structure of so many bytes may not or cannot be.
 
         Parameters
         ----------
@@ -47,32 +63,61 @@ class Allocator:
             Its largest single array, if that is not all of it.
         transient : int
             Bytes that the build holds beside it for a while.
+
+        Raises
+        ------
+        BufferTooLargeError
+            If nothing but the size of a single buffer is in the way.
+        GridTooLargeError
+            In any other case.
         """
-        cl_device = self._device.cl_device
         largest = nbytes if largest is None else largest
-        limits = [
-            (nbytes, self._max_bytes, "the limit given (max_memory)"),
-            (nbytes + transient, int(cl_device.global_mem_size), "the device's memory"),
-            (largest, int(cl_device.max_mem_alloc_size), "the device's largest allocation"),
-        ]
-        for need, limit, name in limits:
+        memory = int(self._device.cl_device.global_mem_size)
+        for need, limit, name, kind in (
+            (nbytes, self._max_bytes, "the limit given (max_memory)", GridTooLargeError),
+            (nbytes + transient, memory, "the device's memory", GridTooLargeError),
+            (largest, largest_buffer(self._device), "the device's largest allocation", BufferTooLargeError),
+        ):
             if limit is not None and need > limit:
-                raise GridTooLargeError(
-                    f"{what} needs {need:,} bytes, more than {name} of {limit:,}; {_ADVICE}"
-                )
+                raise kind(f"{what} needs {need:,} bytes, more than {name} of {limit:,}; {_ADVICE}")
+
+    def check_arrays(self, sizes: dict[str, int], what: str) -> None:
+        """``check`` for a structure of so many bytes by array."""
+        self.check(sum(sizes.values()), what, largest=max(sizes.values()))
 
     def buffer(self, nbytes: int) -> Any:
-        """A new read-write buffer; one byte at least, since OpenCL has no empty ones."""
+        """A read-write buffer of at least so many bytes, and of one, since OpenCL has no empty ones."""
         import pyopencl as cl
 
+        spare = self._fitting(nbytes)
+        if spare is not None:
+            return spare
+        size = max(nbytes, 1)
+        limit = largest_buffer(self._device)
+        if size > limit:
+            raise BufferTooLargeError(
+                f"an array of {nbytes:,} bytes exceeds the device's {limit:,}; {_ADVICE}"
+            )
+        if self.recycles:
+            size = max(size, min(size + size // _HEADROOM, limit))
         try:
-            buffer = cl.Buffer(self._device.context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
+            buffer = cl.Buffer(self._device.context, cl.mem_flags.READ_WRITE, size)
         except (cl.MemoryError, cl.LogicError) as error:
             held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
             raise GridTooLargeError(f"the device has no room for {held} ({error}); {_ADVICE}") from error
+        self.allocations += 1
         self.in_use += buffer.size
         self.peak_nbytes = max(self.peak_nbytes, self.in_use)
         return buffer
+
+    def _fitting(self, nbytes: int) -> Any:
+        """The smallest spare buffer that fits, taken from the spare ones, or None."""
+        fits = [b for b in self._spare if nbytes <= b.size <= max(_LOOSEST_FIT * nbytes, _LITTLE)]
+        if not fits:
+            return None
+        best = min(fits, key=lambda b: int(b.size))
+        self._spare.remove(best)
+        return best
 
     def upload(self, array: npt.NDArray[Any]) -> Any:
         """A read-only buffer with a copy of the array."""
@@ -81,23 +126,42 @@ class Allocator:
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
         return cl.Buffer(self._device.context, flags, hostbuf=np.ascontiguousarray(array))
 
+    def filled(self, array: npt.NDArray[Any]) -> Any:
+        """A ``buffer`` with a copy of the array."""
+        import pyopencl as cl
+
+        buffer = self.buffer(array.nbytes)
+        cl.enqueue_copy(self._device.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
+        return buffer
+
     def share(self, array: npt.NDArray[Any]) -> Any:
         """A read-only buffer over the host array itself: no copy on CPU devices.
 
         The array must be C-contiguous; the buffer keeps it alive.
+
+        Raises
+        ------
+        BufferTooLargeError
+            If the array is more than one buffer of the device may be.
         """
         import pyopencl as cl
 
         if array.nbytes == 0:
             return self.buffer(1)
+        limit = largest_buffer(self._device)
+        if array.nbytes > limit:
+            raise BufferTooLargeError(f"an array of {array.nbytes:,} bytes exceeds the device's {limit:,}")
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
         return cl.Buffer(self._device.context, flags, hostbuf=array)
 
     def results(self, array: npt.NDArray[Any]) -> Any:
-        """A buffer over the C-contiguous host array, for a kernel to write; see ``bring_home``."""
+        """A buffer over the C-contiguous host array, for a kernel to write; see ``bring_home``.
+
+        What the array holds, the kernel finds.
+        """
         import pyopencl as cl
 
-        flags = cl.mem_flags.WRITE_ONLY | cl.mem_flags.USE_HOST_PTR
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return cl.Buffer(self._device.context, flags, hostbuf=array)
 
     def bring_home(self, array: npt.NDArray[Any], buffer: Any) -> None:
@@ -122,8 +186,24 @@ class Allocator:
             cl.enqueue_copy(self._device.queue, array, buffer, is_blocking=True)
         return array
 
+    def take(self, buffer: Any, dtype: npt.DTypeLike, count: int) -> npt.NDArray[Any]:
+        """``download``, then ``release``."""
+        array = self.download(buffer, dtype, count)
+        self.release(buffer)
+        return array
+
     def release(self, *buffers: Any) -> None:
-        """Give buffers back."""
+        """Give buffers back, or keep them for the next that fits."""
+        if self.recycles:
+            self._spare += buffers
+            return
         for buffer in buffers:
+            self.in_use -= buffer.size
+            buffer.release()
+
+    def release_spare(self) -> None:
+        """Give back what is kept for later."""
+        spare, self._spare = self._spare, []
+        for buffer in spare:
             self.in_use -= buffer.size
             buffer.release()

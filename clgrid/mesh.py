@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -87,11 +87,36 @@ class Mesh:
             raise MeshError(
                 f"{self.source}: no triangles, so no bounds; give a mesh with at least one triangle"
             )
-        used = used_vertices(self)
-        corners = self.vertices if used.all() else self.vertices[used]
+        corners = self.vertices if self._all_used else self.vertices[used_vertices(self)]
         bounds = np.stack([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
         bounds.setflags(write=False)
         return bounds
+
+    @cached_property
+    def _all_used(self) -> bool:
+        return bool(used_vertices(self).all())
+
+    def moved(self, vertices: FloatArray) -> Mesh:
+        """The mesh with other positions, and without its vertex normals, which were of the old shape.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float32 or float64
+            One a vertex, scene units.
+
+        Raises
+        ------
+        MeshError
+            If the shape or dtype is another, or a position that a triangle uses is not finite.
+        """
+        if np.shape(vertices) != self.vertices.shape:
+            raise MeshError(
+                f"{self.source}: moved vertices have shape {np.shape(vertices)}; give {self.vertices.shape}"
+            )
+        moved = replace(self, vertices=vertices, vertex_normals=None)
+        # Which vertices are used depends on the faces alone.
+        moved.__dict__["_all_used"] = self._all_used
+        return moved
 
     def geometry_ids(self, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Geometry of each triangle id; -1 stays -1.

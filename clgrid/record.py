@@ -60,6 +60,12 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         Cells per triangle, as built.
     empty_share : float
         Share of cells without a triangle.
+    load_factor : float
+        Share of the hash table's slots in use; 0 for a layout without one.
+    nbytes : dict of str to int
+        Bytes of the grid by array.
+    parts : int
+        Grids that the mesh was split over for the sake of the device's largest buffer.
     peak_bytes : int
         Most device bytes that the build held at once.
     first_compile_s : list of float
@@ -78,6 +84,9 @@ class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     resolution: tuple[int, int, int]
     references: int
     empty_share: float
+    load_factor: float
+    nbytes: dict[str, int]
+    parts: int
     grid_bytes: int
     bytes_per_triangle: float
     peak_bytes: int

@@ -14,16 +14,17 @@ import numpy.typing as npt
 
 import clgrid
 from clgrid.camera import Camera
+from clgrid.cast import part_defines
 from clgrid.device import Device
 from clgrid.errors import InputError
-from clgrid.grid import Grid, build, device_buffers
+from clgrid.grid import Grid, build
 from clgrid.image import NO_ID, Attribute, Image
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.program import kernel
 from clgrid.scene import Scene, default_camera
 
-AOVS = ("depth", "normal", "id")
+AOVS = ("depth", "normal", "id", "steps")
 DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
 
 _TILE = 8  # as in cl/render.cl
@@ -58,7 +59,7 @@ def render(
         By default a three-quarter view of the whole scene.
     width, height : int
         Pixels.
-    aovs : sequence of {"depth", "normal", "id"}
+    aovs : sequence of {"depth", "normal", "id", "steps"}
         Further channel groups of the image.
     grid : Grid, optional
         Of this very mesh; by default one is built with ``build_options``.
@@ -101,7 +102,8 @@ def render(
 
 def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
     """Return the ``-D`` options with which cl/render.cl is compiled: only what is asked for."""
-    options: dict[str, int | str] = {f"AOV_{name.upper()}": 1 for name in AOVS if name in aovs}
+    macros = {**{name: f"AOV_{name.upper()}" for name in AOVS}, "steps": "COUNT_STEPS"}
+    options: dict[str, int | str] = {macros[name]: 1 for name in AOVS if name in aovs}
     if mesh.vertex_normals is not None:
         options["SMOOTH_NORMALS"] = 1
     return options
@@ -149,39 +151,49 @@ def _blank(width: int, height: int, aovs: Sequence[str], background: Sequence[fl
         depth=np.full((height, width), np.inf, np.float32) if "depth" in aovs else None,
         normal=np.zeros((height, width, 3), np.float32) if "normal" in aovs else None,
         primitive_id=np.full((height, width), NO_ID, np.uint32) if "id" in aovs else None,
+        steps=np.zeros((height, width), np.uint32) if "steps" in aovs else None,
     )
 
 
 def _draw(
     grid: Grid, camera: Camera, image: Image, background: Sequence[float], progress: Progress | None
 ) -> None:
-    device, mesh = grid.device, grid.mesh
+    device, mesh, parts = grid.device, grid.mesh, grid.standing
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
-    draw = kernel(device, "render.cl", "render", **kernel_options(mesh, aovs), **grid.compact.defines)
+    options = {**kernel_options(mesh, aovs), **part_defines(parts)}
     allocator = Allocator(device)
-    inputs = [allocator.upload(camera.params(image.width, image.height)), *device_buffers(grid)]
+    inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]
     colour = [np.float32(value) for value in background]
     normals = [] if mesh.vertex_normals is None else [allocator.share(mesh.vertex_normals)]
     arrays = [array for _, array in _aov_arrays(image) if array is not None]
+    if len(parts) > 1:
+        arrays.append(np.full((image.height, image.width), np.inf, np.float32))
     arrays.append(image.rgba)
     tiles_across = -(-image.width // _TILE)
     for first, last in _bands(image.width, image.height, device, watched=progress is not None):
-        parts = [array[first:last] for array in arrays]
-        outputs = [allocator.results(part) for part in parts]
+        pieces = [array[first:last] for array in arrays]
+        outputs = [allocator.results(piece) for piece in pieces]
         tiles = tiles_across * -(-(last - first) // _TILE)
-        draw(
-            device.queue, (tiles,), (1,), *inputs, np.uint32(first), np.uint32(last - first),
-            *colour, *normals, *outputs,
-        )  # fmt: skip
-        for part, buffer in zip(parts, outputs, strict=True):
-            allocator.bring_home(part, buffer)
+        for part in parts:
+            draw = kernel(device, "render.cl", "render", **options, **part.lists.defines)
+            draw(
+                device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
+                np.uint32(last - first), *colour, *normals, *outputs,
+            )  # fmt: skip
+        for piece, buffer in zip(pieces, outputs, strict=True):
+            allocator.bring_home(piece, buffer)
         if progress is not None:
             progress(last / image.height)
 
 
 def _aov_arrays(image: Image) -> list[tuple[str, npt.NDArray[Any] | None]]:
     """Pair each AOV with its array, in the order of the kernel's arguments."""
-    return [("depth", image.depth), ("normal", image.normal), ("id", image.primitive_id)]
+    return [
+        ("depth", image.depth),
+        ("normal", image.normal),
+        ("id", image.primitive_id),
+        ("steps", image.steps),
+    ]
 
 
 def _bands(width: int, height: int, device: Device, *, watched: bool) -> Iterator[tuple[int, int]]:
@@ -227,11 +239,11 @@ def _metadata(
         "clgrid:render_s": seconds,
     }
     if not grid.empty:
-        made = grid.compact
-        entries["clgrid:resolution"] = "x".join(map(str, made.resolution))
-        entries["clgrid:references"] = made.reference_count
+        stats = grid.stats
+        entries["clgrid:resolution"] = "x".join(map(str, stats.resolution))
+        entries["clgrid:references"] = stats.references
         entries["clgrid:upload_s"] = grid.upload_s
-        for stage, value in made.build_s.items():
+        for stage, value in stats.build_s.items():
             entries[f"clgrid:build_{stage}_s"] = value
     return entries
 

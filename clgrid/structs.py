@@ -74,6 +74,10 @@ GRID = Struct(
         ("float", "cells_per_unit", 3),
         ("uint", "resolution", 3),
         ("uint", "triangle_count", 1),
+        # Id of triangle 0, where the mesh is in several grids.
+        ("uint", "first_triangle", 1),
+        # A slab of the build is 2^slab_shift consecutive cells.
+        ("uint", "slab_shift", 1),
     ),
 )
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from clgrid.compact import plane_params
 from clgrid.frame import LocalFrame
+from clgrid.layouts.planes import plane_params
 from clgrid.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]

@@ -6,55 +6,78 @@ import hashlib
 import os
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cell_lists import lists_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from meshes import soup
-from oracle import U, exact_lists, local_mesh
+from oracle import U, exact_lists, local_mesh, touched_lists
 from rays import lattice_meshes
 from scenes import scene
 
 import clgrid
-from clgrid import procedural
-from clgrid.compact import plane_params
+from clgrid import memory, procedural
 from clgrid.device import Device
-from clgrid.errors import GridTooLargeError, InputError
+from clgrid.errors import BufferTooLargeError, GridTooLargeError, InputError
 from clgrid.grid import Grid, build
+from clgrid.layouts.planes import plane_params
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.resolution import MOST_CELLS
 
 # Of cl/config.h and docs/numerics.md.
 HIT_ERROR, BOX_PAD, CELL_RANGE_ROUNDING = 26 * U, 40 * U, 8 * U
+CLIP_ROUNDING = 2.0**-40
+CLIP_CELLS = 32
 Resolution = tuple[int, int, int]
 
 
-def lists_of(grid: Grid) -> list[list[int]]:
-    """The list of each cell, after checking that the two arrays are sound."""
-    cells, references = grid.arrays()
-    assert len(cells) == np.prod(grid.stats.resolution) + 1
-    assert cells[0] == 0
-    assert (np.diff(cells.astype(np.int64)) >= 0).all()
-    assert cells[-1] == len(references) == grid.stats.references
-    return [part.tolist() for part in np.split(references, cells[1:-1])]
+def large(params: np.void, mesh: Mesh, vertices: np.ndarray, pad: float) -> np.ndarray:
+    """(F,) bool: whether a triangle's box is cut to the cells that it touches (CLIP_CELLS in cl/config.h)."""
+    corners, cells = vertices[mesh.faces].astype(np.float64), params["resolution"].astype(np.int64)
+    first = (corners.min(axis=1) - pad - params["lower"]) / params["cell_size"]
+    last = (corners.max(axis=1) + pad - params["lower"]) / params["cell_size"]
+    extent = np.minimum(last.astype(np.int64), cells - 1) - first.astype(np.int64) + 1
+    return (extent.prod(axis=1) > CLIP_CELLS) & ((extent > 1).sum(axis=1) > 1)
+
+
+def by_triangle(lists: list[list[int]], count: int) -> list[set[int]]:
+    """The cells of each triangle."""
+    cells: list[set[int]] = [set() for _ in range(count)]
+    for cell, held in enumerate(lists):
+        for triangle in held:
+            cells[triangle].add(cell)
+    return cells
 
 
 def assert_cells_hold_what_they_must(mesh: Mesh, resolution: Resolution, device: Device) -> None:
-    """Every list ascends, holds all that a hit may need, and nothing beyond the pad and its rounding."""
+    """Every list holds all that a hit may need, and nothing beyond the pad and its rounding."""
     grid = build(mesh, resolution=resolution, device=device)
     frame, vertices = local_mesh(mesh)
     params = plane_params(frame.to_local(mesh.bounds).astype(np.float64), resolution, mesh.triangle_count)
-    least = exact_lists(vertices, mesh.faces, params, resolution, HIT_ERROR + 2.0**-48)
-    tight = exact_lists(vertices, mesh.faces, params, resolution, BOX_PAD - CELL_RANGE_ROUNDING)
-    most = exact_lists(vertices, mesh.faces, params, resolution, BOX_PAD + CELL_RANGE_ROUNDING)
-    for found, must, should, may in zip(lists_of(grid), least, tight, most, strict=True):
-        assert all(a < b for a, b in pairwise(found))
-        assert set(must) <= set(should) <= set(found) <= set(may)
+    arguments = (vertices, mesh.faces, params, resolution)
+    tight, wide = BOX_PAD - CELL_RANGE_ROUNDING, BOX_PAD + CELL_RANGE_ROUNDING
+    lists = [
+        lists_of(grid),
+        exact_lists(*arguments, tight),
+        exact_lists(*arguments, wide),
+        touched_lists(*arguments, HIT_ERROR),
+        touched_lists(*arguments, BOX_PAD - CLIP_ROUNDING),
+        touched_lists(*arguments, BOX_PAD + CLIP_ROUNDING),
+    ]
+    cut = large(params, mesh, vertices, tight), large(params, mesh, vertices, wide)
+    cells = zip(*(by_triangle(each, mesh.triangle_count) for each in lists), *cut, strict=True)
+    for found, box, wide_box, must, touched, wide_touched, surely_cut, maybe_cut in cells:
+        assert must <= found
+        assert touched & box <= found <= wide_box
+        if surely_cut:
+            assert found <= wide_touched
+        if not maybe_cut:
+            assert box <= found
 
 
 def near_planes(resolution: Resolution) -> Mesh:
@@ -69,6 +92,17 @@ def near_planes(resolution: Resolution) -> Mesh:
             point[:, axis] = params["lower"][axis] + k * params["cell_size"][axis] + offsets
             corners.append(np.repeat(point[:, None], 3, axis=1))
     return soup(np.concatenate([anchors, *corners]))
+
+
+def walls() -> np.ndarray:
+    """Triangles across many cells: in planes of the axes, on the diagonals, needles, and in between."""
+    rng = np.random.default_rng(8)
+    flat = rng.uniform(-1, 1, (9, 3, 3))
+    for axis in range(3):
+        flat[3 * axis : 3 * axis + 3, :, axis] = flat[3 * axis : 3 * axis + 3, :1, axis]
+    corners = np.array([[[-1, -1, -1], [1, 1, 1], [-1, 1, 1]], [[1, -1, -1], [-1, 1, 1], [-1, 1, 0.99]]])
+    needles = rng.uniform(-1, 1, (6, 1, 3)) + np.array([0, 1e-6, 1])[:, None] * rng.uniform(-1, 1, (6, 1, 3))
+    return np.concatenate([flat, corners, needles, rng.uniform(-1, 1, (10, 3, 3))])
 
 
 def meshes() -> dict[str, Mesh]:
@@ -88,6 +122,7 @@ def meshes() -> dict[str, Mesh]:
         "origin": soup(np.zeros((2, 3, 3))),
         "one": soup(np.eye(3)[None]),
         "near_planes": near_planes((7, 4, 3)),
+        "walls": soup(walls()),
         "far": Mesh((ball.vertices + np.float32(3e6)).astype(np.float32), ball.faces),
         "tiny": Mesh((ball.vertices * np.float32(1e-30)).astype(np.float32), ball.faces),
         "huge": Mesh((ball.vertices * np.float32(1e30)).astype(np.float32), ball.faces),
@@ -98,7 +133,7 @@ MESHES = meshes()
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("resolution", [(1, 1, 1), (7, 4, 3), (2, 13, 5)])
+@pytest.mark.parametrize("resolution", [(1, 1, 1), (7, 4, 3), (2, 13, 5), (11, 9, 14)])
 def test_cells_hold_what_they_must(name: str, resolution: Resolution, device: Device) -> None:
     assert_cells_hold_what_they_must(MESHES[name], resolution, device)
 
@@ -114,9 +149,10 @@ def test_triangles_longer_than_a_packed_range(resolution: Resolution, device: De
 @pytest.mark.parametrize("extent", [2046, 2047, 2048, 2049])
 def test_ranges_at_the_limit_of_their_bits(extent: int, device: Device) -> None:
     mesh = soup(np.array([[[-1, -1, -1], [1, 1, 1], [-1, 1, 1]]]))
-    for resolution in ((extent, 1, 1), (1, extent, 1), (1, 1, extent // 2), (extent, 2, 1)):
+    for resolution in ((extent, 1, 1), (1, extent, 1), (1, 1, extent // 2)):
         grid = build(mesh, resolution=resolution, device=device)
         assert all(cell == [0] for cell in lists_of(grid))
+    assert_cells_hold_what_they_must(mesh, (extent, 2, 1), device)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -144,10 +180,10 @@ def test_bytes_are_one_index_a_cell_and_one_a_reference(
     name: str, density: float | str, device: Device
 ) -> None:
     grid = build(MESHES[name], density=density, device=device)
-    stats, arrays = grid.stats, grid.compact
+    stats, buffers = grid.stats, grid.parts[0].lists.buffers
     assert stats.nbytes == {"cells": 4 * (stats.cells + 1), "references": 4 * stats.references}
-    assert (arrays.cells.size, arrays.references.size) == tuple(stats.nbytes.values())
-    assert grid.nbytes == sum(stats.nbytes.values()) == sum(a.nbytes for a in grid.arrays())
+    assert [buffer.size for buffer in buffers] == list(stats.nbytes.values())
+    assert grid.nbytes == sum(stats.nbytes.values()) == sum(a.nbytes for a in grid.arrays().values())
     assert stats.cells == np.prod(stats.resolution)
     assert stats.density == stats.cells / stats.triangles
     assert grid.peak_nbytes == stats.peak_nbytes >= grid.nbytes
@@ -215,23 +251,28 @@ def test_what_the_build_holds_for_a_while_is_counted() -> None:
         allocator.check(70, "a grid", largest=61)
 
 
-def test_a_buffer_that_the_driver_refuses_is_an_error_of_the_grid(device: Device) -> None:
+def test_a_buffer_that_the_driver_refuses_is_an_error_of_the_grid(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(BufferTooLargeError, match="an array of 1,152,921,504,606,846,976 bytes exceeds"):
+        Allocator(device).buffer(1 << 60)
+    monkeypatch.setattr(memory, "largest_buffer", lambda device: 1 << 62)
     with pytest.raises(GridTooLargeError, match="no room for 1,152,921,504,606,846,976 bytes"):
         Allocator(device).buffer(1 << 60)
 
 
 def test_references_beyond_32_bits_are_refused(device: Device) -> None:
-    """Forty triangles across 5e8 bytes of cells: 5e9 references, counted exactly and never written."""
+    """Many triangles across all cells of a line but the outermost: counted exactly and never written."""
     whole = np.array([[-1, -1, -1], [1, 1, 1], [-1, 1, 1]], np.float32)
-    mesh = soup(np.repeat(whole[None], 40, axis=0))
-    with pytest.raises(GridTooLargeError, match=r"5,000,000,000 references overflows 32-bit indices"):
-        build(mesh, device=device, resolution=(500, 500, 500))
+    mesh = soup(np.repeat(whole[None], 20_000, axis=0))
+    with pytest.raises(GridTooLargeError, match=r"19,999,920,000 references needs 79,999,680,000 bytes"):
+        build(mesh, device=device, resolution=(1_000_000, 1, 1))
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"layout": "octree"}, "layout is 'octree'; choose one of compact"),
+        ({"layout": "octree"}, "layout is 'octree'; choose one of compact, hashed"),
         ({"accuracy": "sloppy"}, "accuracy is 'sloppy'"),
         ({"density": "high"}, "density is 'high'"),
         ({"density": 0}, "density is 0"),
@@ -246,7 +287,7 @@ def test_bad_options_are_refused(options: dict[str, object], message: str, devic
 
 
 def digest(grid: Grid) -> str:
-    return hashlib.sha256(b"".join(array.tobytes() for array in grid.arrays())).hexdigest()
+    return hashlib.sha256(b"".join(array.tobytes() for array in grid.arrays().values())).hexdigest()
 
 
 # About 80,000 triangles in 20 chunks and 64 slabs, so that threads have something to disagree on.
@@ -269,7 +310,7 @@ import os, sys
 if sys.argv[1] == "1":
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 import clgrid, test_grid
-from clgrid import procedural
+from clgrid import memory, procedural
 print(test_grid.digest(clgrid.build(procedural.make(test_grid.MANY))))
 """
 
@@ -301,7 +342,7 @@ def test_bytes_are_equal_for_one_thread_and_two(device: Device) -> None:
 def test_a_million_copies_of_one_triangle(device: Device) -> None:
     mesh = Mesh(np.eye(3, dtype=np.float32), np.tile(np.arange(3, dtype=np.uint32), (1_000_000, 1)))
     grid = build(mesh, resolution=(2, 2, 2), device=device)
-    cells, references = grid.arrays()
+    cells, references = grid.arrays().values()
     assert (np.diff(cells.astype(np.int64)) == 1_000_000).all()
     assert (references.reshape(8, -1) == np.arange(1_000_000)).all()
     hits = grid.cast([(1, 1, 1), (2, 2, 2)], [(-1, -1, -1), (1, 1, 1)])
@@ -322,7 +363,7 @@ def test_peak_is_at_most_three_grids(name: str, device: Device) -> None:
     for density in (0.5, 4, 30):
         grid = build(mesh, density=density, device=device)
         assert grid.nbytes < grid.peak_nbytes <= 3 * grid.nbytes
-        cells, references = grid.arrays()
+        cells, references = grid.arrays().values()
         first = np.zeros(len(references), bool)
         first[cells[:-1][cells[:-1] < cells[1:]]] = True
         assert (first[1:] | (references[1:] > references[:-1])).all()

@@ -24,6 +24,7 @@ def picture(height: int = 13, width: int = 7) -> Image:
         normal=rng.standard_normal((height, width, 3), np.float32),
         primitive_id=ids[0],
         geometry_id=ids[1],
+        steps=rng.integers(0, 2**32, (height, width), np.uint32),
         metadata={
             "Software": "clgrid test",
             "worldToCamera": np.arange(16.0).reshape(4, 4),
@@ -39,7 +40,7 @@ def test_exr_keeps_every_bit_of_every_group(tmp_path, size):
     image = picture(*size)
     image.save(tmp_path / "a.exr")
     back = read_image(tmp_path / "a.exr")
-    for name in ("rgba", "depth", "normal", "primitive_id", "geometry_id"):
+    for name in ("rgba", "depth", "normal", "primitive_id", "geometry_id", "steps"):
         before, after = getattr(image, name), getattr(back, name)
         assert after.dtype == before.dtype
         assert after.shape == before.shape
@@ -58,6 +59,7 @@ def test_exr_has_parts_and_channels_by_their_usual_names(tmp_path):
         "depth": ({"Z"}, "float"),
         "normal": ({"N.X", "N.Y", "N.Z"}, "float"),
         "id": ({"primitive_id", "geometry_id"}, "uint"),
+        "steps": ({"steps"}, "uint"),
     }
 
 

@@ -6,9 +6,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from clgrid import compact, resolution
+from clgrid import resolution
+from clgrid.layouts import planes
 from clgrid.program import source_folder
 
 SOURCES = sorted([*source_folder().glob("*.cl"), *source_folder().glob("*.h")])
@@ -58,7 +60,7 @@ def test_contraction_is_never_switched_on(path: Path) -> None:
 
 
 def test_no_build_option_loosens_arithmetic() -> None:
-    package = Path(compact.__file__).parent
+    package = Path(resolution.__file__).parent
     for path in package.rglob("*.py"):
         assert not re.search(
             r"-cl-(?:fast|mad|unsafe|finite|no-signed|denorms)", path.read_text(encoding="utf-8")
@@ -127,7 +129,8 @@ def constant(name: str) -> float:
 
 def test_python_and_kernels_share_their_constants() -> None:
     assert constant("BOX_PAD") == resolution.BOX_PAD
-    assert constant("BRICK") == compact.BRICK
+    assert constant("BRICK") == planes.BRICK
+    assert constant("ROW_SHIFT") == np.log2(planes.ROW_CELLS)
 
 
 def test_constants_are_those_of_the_proof() -> None:

@@ -9,6 +9,7 @@ from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.grid import build
 from clgrid.image import NO_ID, Image
+from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, make
 from clgrid.renderer import AOVS, kernel_options, render, warm_up
@@ -19,7 +20,7 @@ EMPTY = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
 
 
 def bits(image: Image) -> dict[str, bytes]:
-    names = ("rgba", "depth", "normal", "primitive_id", "geometry_id")
+    names = ("rgba", "depth", "normal", "primitive_id", "geometry_id", "steps")
     return {name: getattr(image, name).tobytes() for name in names if getattr(image, name) is not None}
 
 
@@ -88,17 +89,35 @@ def test_layout_of_the_work_does_not_change_the_picture(device, monkeypatch):
     bands = renderer._bands(50, 333, device, watched=False)
     assert [last - first for first, last in bands] == [16] * 20 + [13]
     assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device)) == whole
-    assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, density=0.1)) == whole
-    assert bits(render(mesh, FRONT, 50, 333, AOVS, device=device, resolution=(1, 40, 3))) == whole
+    # The cells that a ray looks at are the grid's own; all else is the same for every grid.
+    same = [aov for aov in AOVS if aov != "steps"]
+    whole = bits(render(mesh, FRONT, 50, 333, same, device=device))
+    options: list[dict[str, object]] = [{"density": 0.1}, {"resolution": (1, 40, 3)}]
+    options += [{"layout": layout, "skipping": skipping} for layout in LAYOUTS for skipping in (False, True)]
+    for option in options:
+        assert bits(render(mesh, FRONT, 50, 333, same, device=device, **option)) == whole
 
 
-@pytest.mark.parametrize("aovs", [(), ("depth",), ("normal",), ("id",), ("id", "depth")])
+@pytest.mark.parametrize("aovs", [(), ("depth",), ("normal",), ("id",), ("id", "depth"), ("steps",)])
 def test_each_aov_is_made_only_when_asked_for(device, aovs):
     full = bits(render(icosphere(2), FRONT, 40, 40, AOVS, device=device))
     part = bits(render(icosphere(2), FRONT, 40, 40, aovs, device=device))
     wanted = {"rgba", *aovs} - {"id"} | ({"primitive_id", "geometry_id"} if "id" in aovs else set())
     assert part == {name: full[name] for name in wanted}
-    assert set(kernel_options(cube(), aovs)) == {f"AOV_{name.upper()}" for name in aovs}
+    macros = {"depth": "AOV_DEPTH", "normal": "AOV_NORMAL", "id": "AOV_ID", "steps": "COUNT_STEPS"}
+    assert set(kernel_options(cube(), aovs)) == {macros[name] for name in aovs}
+
+
+def test_steps_are_those_of_the_cast_and_fall_with_skipping(device):
+    mesh, camera = icosphere(5), FRONT
+    plain, skipping = (build(mesh, device=device, density=30, skipping=choice) for choice in (False, True))
+    images = [render(mesh, camera, 40, 30, ("steps",), grid=grid) for grid in (plain, skipping)]
+    for grid, image in zip((plain, skipping), images, strict=True):
+        steps = grid.cast(*camera.rays(40, 30), fields=("steps",))["steps"]
+        np.testing.assert_array_equal(image.steps, steps)
+        assert grid.cast(*camera.rays(40, 30)).steps is None
+    before, after = (int(image.steps.sum()) for image in images)
+    assert after < 0.7 * before
 
 
 def test_smooth_normals_are_interpolated(device):

@@ -14,7 +14,13 @@ _SCENE_HELP = "PLY, OBJ, STL, OFF, GLB or glTF file, gzipped or not; or demo, cu
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE_HELP, show_default=False)]
 SceneNames = Annotated[list[str], typer.Argument(metavar="SCENE...", help=_SCENE_HELP, show_default=False)]
-Layout = Annotated[str, typer.Option(help="How cells find their triangles: compact.", rich_help_panel=GRID)]
+Layout = Annotated[
+    str,
+    typer.Option(
+        help="How cells find their triangles: compact, hashed, linked-list, dynamic-array.",
+        rich_help_panel=GRID,
+    ),
+]
 Density = Annotated[
     str, typer.Option(metavar="NUMBER|auto", help="Cells per triangle; auto is 4.", rich_help_panel=GRID)
 ]

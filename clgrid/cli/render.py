@@ -37,7 +37,7 @@ Aov = Annotated[
     str,
     typer.Option(
         metavar="NAMES",
-        help="Further parts of the .exr: depth,normal,id.",
+        help="Further parts of the .exr: depth,normal,id,steps.",
         rich_help_panel=options.PICTURE,
         show_default=False,
     ),

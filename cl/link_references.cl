@@ -1,0 +1,26 @@
+// Linked-list layout, last stage: a node per reference, of which the binned triangles are one half already.
+// Nodes are pushed on their cell's list from the last to the first, so that lists ascend.
+//   heads[cell]           first node of the cell's list, or NO_REFERENCE
+//   next[node]            the node after it, or NO_REFERENCE       full_cells[slab]   cells with a list
+#include "config.h"
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void link_references(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
+                              __global const ushort *binned_cells, __global ref_index *heads,
+                              __global ref_index *next, __global uint *full_cells)
+{
+    const uint slab = get_global_id(0);
+    const uint first = slab << slab_shift;
+    const uint size = min(cell_count - first, 1u << slab_shift);
+    __global ref_index *head = heads + first;
+    for (uint i = 0; i < size; ++i)
+        head[i] = NO_REFERENCE;
+    uint full = 0;
+    for (ref_index r = slab_starts[slab + 1]; r > slab_starts[slab]; --r) {
+        const ushort cell = binned_cells[r - 1];
+        full += head[cell] == NO_REFERENCE;
+        next[r - 1] = head[cell];
+        head[cell] = r - 1;
+    }
+    full_cells[slab] = full;
+}

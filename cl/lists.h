@@ -1,0 +1,112 @@
+// How cells find their lists, for each layout; cell i = (z * My + y) * Mx + x, lists ascend.
+//   compact              references[cells[i] .. cells[i+1]-1]                       (Lagae & Dutre 2008)
+//   LAYOUT_HASHED        a domain bit says whether i has a list; if so, and s is its slot,
+//                        references[table[s] .. table[s+1]-1]                       (the same)
+//   LAYOUT_LINKED_LIST   triangles[n], triangles[next[n]], ... from n = heads[i]
+//   LAYOUT_DYNAMIC_ARRAY pool[pointers[i] .. pointers[i]+sizes[i]-1]; capacities serve growth alone
+#ifndef CLG_LISTS_H
+#define CLG_LISTS_H
+#include "triangle.h"
+
+#if defined(LAYOUT_HASHED)
+#define LIST_PARAMETERS                                                                               \
+    __global const ulong *domain, __global const ushort *offsets, __global const uint *table_starts, \
+        __global const ref_index *table, __global const uint *references
+#define LIST_ARGUMENTS domain, offsets, table_starts, table, references
+#elif defined(LAYOUT_LINKED_LIST)
+#define LIST_PARAMETERS                                                                              \
+    __global const ref_index *heads, __global const ref_index *next, __global const uint *triangles
+#define LIST_ARGUMENTS heads, next, triangles
+#elif defined(LAYOUT_DYNAMIC_ARRAY)
+#define LIST_PARAMETERS                                                                            \
+    __global const ref_index *pointers, __global const uint *sizes, __global const uint *capacities, \
+        __global const uint *pool
+#define LIST_ARGUMENTS pointers, sizes, capacities, pool
+#else
+#define LIST_PARAMETERS __global const ref_index *cells, __global const uint *references
+#define LIST_ARGUMENTS cells, references
+#endif
+
+#ifdef SKIP_EMPTY
+#define GRID_PARAMETERS __constant const GridParams *grid, LIST_PARAMETERS, __global const uchar *distances
+#define GRID_ARGUMENTS grid, LIST_ARGUMENTS, distances
+#else
+#define GRID_PARAMETERS __constant const GridParams *grid, LIST_PARAMETERS
+#define GRID_ARGUMENTS grid, LIST_ARGUMENTS
+#endif
+
+// A cell's list: its first reference or node, and its length; a linked list knows no length, but whether
+// there is one.
+typedef struct {
+    ref_index begin;
+    uint count;
+} List;
+
+List find_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
+{
+    List list = {0, 0};
+#if defined(LAYOUT_HASHED)
+    const ulong row = domain[cell >> ROW_SHIFT];
+    if (row >> (cell & (ROW_CELLS - 1)) & 1ul) {
+        const uint within = (ushort)(offsets[cell >> ROW_SHIFT] + (cell & (ROW_CELLS - 1)));
+        const uint slot = table_starts[cell >> grid->slab_shift] + within;
+        list.begin = table[slot];
+        list.count = (uint)(table[slot + 1] - list.begin);
+    }
+#elif defined(LAYOUT_LINKED_LIST)
+    list.begin = heads[cell];
+    list.count = list.begin == NO_REFERENCE ? 0 : 1;
+#elif defined(LAYOUT_DYNAMIC_ARRAY)
+    list.count = sizes[cell];
+    list.begin = list.count != 0 ? pointers[cell] : 0;
+#else
+    list.begin = cells[cell];
+    list.count = (uint)(cells[cell + 1] - list.begin);
+#endif
+    return list;
+}
+
+// Whether none of `count` consecutive cells, a brick's row of them at most, has a list.
+bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_PARAMETERS)
+{
+#if defined(LAYOUT_HASHED) || defined(LAYOUT_LINKED_LIST) || defined(LAYOUT_DYNAMIC_ARRAY)
+    for (uint cell = first; cell < first + count; ++cell)
+        if (find_list(cell, grid, LIST_ARGUMENTS).count != 0)
+            return false;
+    return true;
+#else
+    return cells[first] == cells[first + count];
+#endif
+}
+
+// keep_nearest (triangle.h) over a list that is not empty, eight triangles at a time.
+void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *vertices,
+                          __global const uint *faces, List list, LIST_PARAMETERS, Hit *hit)
+{
+    uint ids[8];
+#ifdef LAYOUT_LINKED_LIST
+    ref_index node = list.begin;
+    while (node != NO_REFERENCE) {
+        uint count = 0;
+        for (; count < 8 && node != NO_REFERENCE; ++count, node = next[node])
+            ids[count] = triangles[node];
+        for (uint i = count; i < 8; ++i)
+            ids[i] = ids[count - 1];
+        keep_nearest_of_8(ray, s, vertices, faces, ids, count, hit);
+    }
+#else
+#ifdef LAYOUT_DYNAMIC_ARRAY
+    __global const uint *entries = pool + list.begin;
+#else
+    __global const uint *entries = references + list.begin;
+#endif
+    for (uint done = 0; done < list.count; done += 8) {
+        const uint count = min(list.count - done, 8u);
+        for (uint i = 0; i < 8; ++i)
+            ids[i] = entries[done + (i < count ? i : count - 1)];
+        keep_nearest_of_8(ray, s, vertices, faces, ids, count, hit);
+    }
+#endif
+}
+
+#endif

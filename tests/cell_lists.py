@@ -1,0 +1,94 @@
+"""What each cell holds, read from a grid's arrays as cl/lists.h says, for every layout."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from clgrid.grid import Grid
+from clgrid.layouts.planes import ROW_CELLS
+
+Arrays = dict[str, npt.NDArray[np.unsignedinteger]]  # type: ignore[type-arg]
+
+
+def lists_of(grid: Grid, part: int = 0) -> list[list[int]]:
+    """The list of each cell of a part, after checking that the arrays are sound."""
+    lists = grid.parts[part].lists
+    read = {"compact": compact, "hashed": hashed, "linked-list": linked, "dynamic-array": dynamic}[
+        lists.layout
+    ]
+    found = read(grid.arrays(part), lists.cell_count, 1 << int(slab_shift(grid, part)))
+    assert len(found) == lists.cell_count
+    assert sum(map(len, found)) == lists.reference_count
+    assert sum(1 for cell in found if cell) == lists.full_cells
+    assert all(a < b for cell in found for a, b in pairwise(cell))
+    return found
+
+
+def slab_shift(grid: Grid, part: int) -> int:
+    from clgrid import structs
+
+    params = grid._allocator.download(grid.parts[part].lists.params, structs.GRID.dtype, 1)[0]
+    return int(params["slab_shift"])
+
+
+def compact(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
+    starts, references = arrays["cells"].astype(np.int64), arrays["references"]
+    assert len(starts) == cells + 1
+    assert starts[0] == 0
+    assert (np.diff(starts) >= 0).all()
+    assert starts[-1] == len(references)
+    return [part.tolist() for part in np.split(references, starts[1:-1])]
+
+
+def hashed(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
+    domain = np.unpackbits(arrays["domain"].view(np.uint8), bitorder="little")
+    assert not domain[cells:].any()
+    table, tables, references = arrays["table"].astype(np.int64), arrays["table_starts"], arrays["references"]
+    assert len(domain) == len(arrays["offsets"]) * ROW_CELLS
+    assert table[0] == 0
+    assert (np.diff(table) >= 0).all()
+    assert table[-1] == len(references)
+    assert len(table) == int(tables[-1]) + 1
+    taken: set[int] = set()
+    found: list[list[int]] = []
+    for cell in range(cells):
+        if not domain[cell]:
+            found.append([])
+            continue
+        within = (int(arrays["offsets"][cell // ROW_CELLS]) + cell % ROW_CELLS) % 2**16
+        slot = int(tables[cell // slab]) + within
+        assert slot < int(tables[cell // slab + 1]), "a cell's slot is in its slab's table"
+        assert slot not in taken, "no two cells share a slot"
+        taken.add(slot)
+        found.append(references[table[slot] : table[slot + 1]].tolist())
+        assert found[-1], "a domain bit means a list"
+    return found
+
+
+def linked(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
+    heads, after, triangles = arrays["heads"], arrays["next"], arrays["triangles"]
+    none = int(np.iinfo(heads.dtype).max)
+    assert len(heads) == cells
+    found = []
+    for head in heads.tolist():
+        cell, node = [], head
+        while node != none:
+            cell.append(int(triangles[node]))
+            node = int(after[node])
+        found.append(cell)
+    return found
+
+
+def dynamic(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
+    pointers, sizes, capacities = arrays["pointers"], arrays["sizes"], arrays["capacities"]
+    assert len(pointers) == len(sizes) == len(capacities) == cells
+    assert (sizes <= capacities).all()
+    ends = pointers.astype(np.int64) + capacities
+    assert (ends[:-1] == pointers[1:]).all(), "arrays lie one after another"
+    assert ends[-1] == len(arrays["pool"])
+    for size, capacity in zip(sizes.tolist(), capacities.tolist(), strict=True):
+        assert capacity == (0 if size == 0 else 1 << (size - 1).bit_length()), "what doubling leaves"
+    return [arrays["pool"][int(p) : int(p) + int(n)].tolist() for p, n in zip(pointers, sizes, strict=True)]
