@@ -1,7 +1,7 @@
 // Casting through a grid (Lagae & Dutre 2008) of any layout: cells in the ray's order, their lists, the
 // nearest hit. Triangles are entered in every cell that their padded bounding box touches.
 //   PARTS         the mesh is in several grids: the nearest hit so far comes in, and bounds the walk
-//   COUNT_STEPS   hits tell how many cells were looked at
+//   COUNT_STEPS   hits tell how many cells were looked at, and how many triangles were tested
 #ifndef CLG_GRID_H
 #define CLG_GRID_H
 #include "lists.h"

@@ -18,6 +18,7 @@ typedef struct {
     float u, v;              // barycentric weights of the second and third vertex
 #ifdef COUNT_STEPS
     uint steps;              // cells looked at
+    uint tests;              // triangles tested
 #endif
 } Hit;
 
@@ -188,7 +189,7 @@ void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *ver
 Hit no_hit(void)
 {
 #ifdef COUNT_STEPS
-    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f, 0u};
+    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f, 0u, 0u};
 #else
     const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f};
 #endif

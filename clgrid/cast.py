@@ -41,7 +41,9 @@ class Hits:
     invalid_rays : int
         Rays that are misses because they are not finite or have no direction.
     steps : (...) uint32, optional
-        Cells that the ray looked at; computed where asked for.
+        Cells that the ray looked at; counted where this or ``tests`` is asked for.
+    tests : (...) uint32, optional
+        Triangles of their lists, each tested; counted where this or ``steps`` is asked for.
     """
 
     t_hit: npt.NDArray[np.float64]
@@ -52,6 +54,7 @@ class Hits:
     _origins: npt.NDArray[Any]
     _directions: npt.NDArray[Any]
     steps: npt.NDArray[np.uint32] | None = None
+    tests: npt.NDArray[np.uint32] | None = None
 
     def __getitem__(self, field: str) -> Any:
         if field.startswith("_") or not hasattr(self, field):
@@ -91,7 +94,7 @@ class Hits:
         return points
 
 
-FIELDS = ("steps",)
+FIELDS = ("steps", "tests")
 """Of ``Hits``, beyond those that every cast computes."""
 
 
@@ -191,7 +194,7 @@ def run(
     Parameters
     ----------
     extras : dict of str to (N,) array
-        Further results of the kernel, filled here; "steps" becomes a field of the hits.
+        Further results of the kernel, filled here; those of FIELDS become fields of the hits.
     """
     shape = rays.origins.shape[:-1]
     flat_o, flat_d = rays.origins.reshape(-1, 3), rays.directions.reshape(-1, 3)
@@ -209,10 +212,10 @@ def run(
         _launch(target.device, launch, inputs, outputs)
         invalid += int(rejected.sum())
     primitive_ids = np.where(ids == _NO_HIT, -1, ids.astype(np.int64))
-    steps = extras["steps"].reshape(shape) if "steps" in extras else None
+    counted = [extras[field].reshape(shape) if field in extras else None for field in FIELDS]
     return Hits(
         t_hit.reshape(shape), primitive_ids.reshape(shape), uvs.reshape(*shape, 2), invalid, target.mesh,
-        rays.origins, rays.directions, steps,
+        rays.origins, rays.directions, *counted,
     )  # fmt: skip
 
 
@@ -254,8 +257,8 @@ def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fiel
     device, count = target.device, len(rays.origins.reshape(-1, 3))
     extras: dict[str, npt.NDArray[Any]] = {}
     options = part_defines(parts)
-    if "steps" in fields:
-        extras["steps"] = np.zeros(count, np.uint32)
+    if fields:
+        extras |= {field: np.zeros(count, np.uint32) for field in FIELDS}
         options["COUNT_STEPS"] = 1
     if len(parts) > 1:
         extras["nearest"] = np.full(count, np.inf, np.float32)
@@ -324,5 +327,5 @@ def no_hits(mesh: Mesh, rays: Rays, fields: Sequence[str]) -> Hits:
     sound = np.isfinite(o).all(-1) & np.isfinite(d).all(-1) & (d != 0).any(-1)
     invalid = int(np.sum(~sound.reshape(-1) | np.isnan(rays.bounds).any(-1)))
     ids = np.full(shape, -1, np.int64)
-    steps = np.zeros(shape, np.uint32) if "steps" in fields else None
-    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), invalid, mesh, o, d, steps)
+    counted = [np.zeros(shape, np.uint32) if fields else None for _ in FIELDS]
+    return Hits(np.full(shape, np.inf), ids, np.zeros((*shape, 2), np.float32), invalid, mesh, o, d, *counted)

@@ -310,8 +310,9 @@ class Grid:
             Of any length but zero; broadcast against the origins.
         t_min, t_max : float or (...) float64
             Closed interval of the ray parameter, in lengths of the direction.
-        fields : sequence of {"steps"}
-            What to compute beyond the hit: the number of cells that each ray looked at.
+        fields : sequence of {"steps", "tests"}
+            What to compute beyond the hit: the number of cells that each ray looked at, and of triangles
+            that it was tested against.
 
         Returns
         -------
