@@ -53,6 +53,7 @@ __kernel void count_references(__constant const GridParams *grid, __global const
     for (uint s = 0; s < slabs; ++s)
         count[s] = 0;
     for (uint i = begin; i < end; ++i) {
+        fetch_early(vertices, faces + 3 * (size_t)min(i + FETCH_AHEAD, end - 1));
         __global const uint *face = faces + 3 * (size_t)i;
         const CellRange range = cell_range(grid, vertices, face);
         const uint4 extent = convert_uint4(range.last - range.first) + 1u;

@@ -5,6 +5,19 @@
 #define CLG_RASTER_H
 #include "config.h"
 
+// Asks for a triangle's vertices so many triangles before they are needed: where neighbours in the mesh are
+// far apart in memory, the build would wait for little else.
+#define FETCH_AHEAD 32u
+void fetch_early(__global const float *vertices, __global const uint *face)
+{
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+    for (int i = 0; i < 3; ++i)
+        __builtin_prefetch((const void *)(size_t)(vertices + 3 * (size_t)face[i]), 0, 3);
+#endif
+#endif
+}
+
 typedef struct {
     int4 first, last;  // inclusive; .w is unused
 } CellRange;

@@ -13,6 +13,9 @@ from clgrid.errors import BufferTooLargeError, GridTooLargeError
 _ADVICE = "lower the density or the resolution"
 # A recycled buffer may be so many times as large as what is asked for, or a little.
 _LOOSEST_FIT, _LITTLE = 2, 1 << 16
+# Buffers from this size on are made over numpy's arrays where the device shares the host's memory: numpy asks
+# the system for huge pages, drivers do not, and a build touches all its memory for the first time.
+_HUGE = 1 << 22
 # Room to grow, in a buffer that will be recycled: 1/8.
 _HEADROOM = 8
 
@@ -100,8 +103,13 @@ class Allocator:
             )
         if self.recycles:
             size = max(size, min(size + size // _HEADROOM, limit))
+        flags = cl.mem_flags.READ_WRITE
         try:
-            buffer = cl.Buffer(self._device.context, cl.mem_flags.READ_WRITE, size)
+            if size >= _HUGE and self._device.cl_device.host_unified_memory:
+                host = np.empty(size, np.uint8)
+                buffer = cl.Buffer(self._device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+            else:
+                buffer = cl.Buffer(self._device.context, flags, size)
         except (cl.MemoryError, cl.LogicError) as error:
             held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
             raise GridTooLargeError(f"the device has no room for {held} ({error}); {_ADVICE}") from error
