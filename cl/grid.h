@@ -1,7 +1,8 @@
 // Casting through a grid (Lagae & Dutre 2008) of any layout: cells in the ray's order, their lists, the
 // nearest hit. Triangles are entered in every cell that their padded bounding box touches.
 //   PARTS         the mesh is in several grids: the nearest hit so far comes in, and bounds the walk
-//   COUNT_STEPS   hits tell how many cells were looked at, and how many triangles were tested
+//   SKIP_EMPTY    rays leave empty bricks of cells unseen (leap.h)
+//   COUNT_STEPS   hits tell how many cells, and empty bricks, were looked at, and how many triangles tested
 #ifndef CLG_GRID_H
 #define CLG_GRID_H
 #include "lists.h"
@@ -21,6 +22,17 @@ Hit bound_of(float nearest)
     return bound;
 }
 #endif
+
+// One step of the walk. False: the ray is out of the grid, or past `stop`. With SKIP_EMPTY it tells whether
+// the step led into another brick.
+bool walk_on(Axis *axis, int resolution, double stop, uint *cell, bool *entered)
+{
+    const bool inside = axis->t_next <= stop && step(axis, cell);
+#ifdef SKIP_EMPTY
+    *entered = enters_brick(axis, resolution);
+#endif
+    return inside;
+}
 
 // The nearest hit, bit for bit that of testing every triangle (docs/numerics.md, "Lossless grid"). `hit` is
 // no_hit() or, with PARTS, bound_of() the nearest so far: what is not nearer than that is no hit.
@@ -53,39 +65,38 @@ Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *
 #ifdef PARTS
     stop = (double)hit.t + T_SLACK < stop ? (double)hit.t + T_SLACK : stop;
 #endif
-#ifdef SKIP_EMPTY
-    const uint bx = (mx + BRICK - 1) / BRICK, by = (my + BRICK - 1) / BRICK;
-#endif
+    bool entered = true, full = true;  // the cell's brick was just entered; may hold references
     for (;;) {
 #ifdef COUNT_STEPS
-        ++hit.steps;
+        hit.steps += entered || full ? 1 : 0;
 #endif
-        const List list = find_list(cell, grid, LIST_ARGUMENTS);
+#ifdef SKIP_EMPTY
+        if (entered) {
+            const int distance = brick_distance(grid, distances, &x, &y, &z);
+            full = distance == 0;
+            if (distance > 1) {
+                if (!leap(grid, ray, distance, stop, &x, &y, &z, &cell))
+                    break;
+                continue;
+            }
+        }
+#endif
+        List list = {0, 0};
+        if (full)
+            list = find_list(cell, grid, LIST_ARGUMENTS);
         if (list.count != 0) {
             keep_nearest_of_list(ray, &shear, vertices, faces, list, LIST_ARGUMENTS, &hit);
             // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
             const double bound = (double)hit.t + T_SLACK;
             stop = bound < stop ? bound : stop;
         }
-#ifdef SKIP_EMPTY
-        else {
-            const uint cx = coordinate(&x, mx), cy = coordinate(&y, my), cz = coordinate(&z, mz);
-            const int distance = distances[((size_t)(cz / BRICK) * by + cy / BRICK) * bx + cx / BRICK];
-            if (distance > 1) {
-                if (!leap(grid, ray, distance, stop, &x, &y, &z))
-                    break;
-                cell = (coordinate(&z, mz) * (uint)my + coordinate(&y, my)) * (uint)mx + coordinate(&x, mx);
-                continue;
-            }
-        }
-#endif
         bool inside;
         if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
-            inside = x.t_next <= stop && step(&x, &cell);
+            inside = walk_on(&x, mx, stop, &cell, &entered);
         else if (y.t_next < z.t_next)
-            inside = y.t_next <= stop && step(&y, &cell);
+            inside = walk_on(&y, my, stop, &cell, &entered);
         else
-            inside = z.t_next <= stop && step(&z, &cell);
+            inside = walk_on(&z, mz, stop, &cell, &entered);
         if (!inside)
             break;
     }

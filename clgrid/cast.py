@@ -41,7 +41,8 @@ class Hits:
     invalid_rays : int
         Rays that are misses because they are not finite or have no direction.
     steps : (...) uint32, optional
-        Cells that the ray looked at; counted where this or ``tests`` is asked for.
+        Cells that the ray looked at, and with skipping empty bricks that it left without a look at their
+        cells; counted where this or ``tests`` is asked for.
     tests : (...) uint32, optional
         Triangles of their lists, each tested; counted where this or ``steps`` is asked for.
     """

@@ -11,6 +11,7 @@ from clgrid.device import Device
 from clgrid.grid import Grid, build
 from clgrid.layouts import LAYOUTS
 from clgrid.layouts.planes import BRICK
+from clgrid.mesh import Mesh
 
 
 def occupied_bricks(grid: Grid) -> np.ndarray:
@@ -54,3 +55,25 @@ def test_bytes_are_one_a_brick_and_nothing_without_skipping(device: Device) -> N
     assert skipping.stats.nbytes["distances"] == x * y * z
     assert skipping.nbytes - plain.nbytes == x * y * z
     assert "distances" not in plain.stats.nbytes
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("x", "steps"), [(40, 12), (39, 11)])
+def test_an_empty_brick_is_one_step_and_far_from_references_less(
+    x: int, steps: int, sign: float, device: Device
+) -> None:
+    low, high = (
+        np.array([[0, 0, 0], [0.01, 0.1, 0], [0, 0, 0.1]]),
+        np.array([[1, 1, 1], [0.99, 0.9, 1], [1, 1, 0.9]]),
+    )
+    mesh = Mesh(np.concatenate([low, high]).astype(np.float32), np.arange(6, dtype=np.uint32).reshape(2, 3))
+    ray = np.array([[0.5 - 2 * sign, 0.45, 0.45]]), np.array([[sign, 0.0, 0.0]])
+    plain, skipping = (
+        build(mesh, resolution=(x, 4, 4), skipping=choice, device=device).cast(*ray, fields=("steps",))
+        for choice in (False, True)
+    )
+    assert plain.steps is not None
+    assert skipping.steps is not None
+    assert not plain.mask.any()
+    # Distances 0 1 2 3 4 4 3 2 1 0: four cells, a brick, leaps of 2 and 4 bricks, a brick, four or three cells.
+    assert (plain.steps.tolist(), skipping.steps.tolist()) == ([x], [steps])
