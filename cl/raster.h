@@ -12,8 +12,12 @@ void fetch_early(__global const float *vertices, __global const uint *face)
 {
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
-    for (int i = 0; i < 3; ++i)
-        __builtin_prefetch((const void *)(size_t)(vertices + 3 * (size_t)face[i]), 0, 3);
+    for (int i = 0; i < 3; ++i) {
+        // First and last of the four floats that are read: they may lie in two cache lines.
+        const size_t at = (size_t)(vertices + 3 * (size_t)face[i]);
+        __builtin_prefetch((const void *)at, 0, 3);
+        __builtin_prefetch((const void *)(at + 12), 0, 3);
+    }
 #endif
 #endif
 }
