@@ -32,7 +32,7 @@ int ahead_in_cube(const Axis *axis, int resolution, int distance)
     return ahead < axis->left ? ahead : axis->left;
 }
 
-void cross(Axis *axis, int planes, uint *cell)
+void climb(Axis *axis, int planes, uint *cell)
 {
     axis->left -= planes;
     *cell += (uint)(planes * axis->stride);
@@ -41,7 +41,7 @@ void cross(Axis *axis, int planes, uint *cell)
 }
 
 // Crosses every plane up to t, `ahead` at most: the same crossings that single steps compare.
-void cross_up_to(Axis *axis, double t, double planes_per_t, int ahead, uint *cell)
+void climb_up_to(Axis *axis, double t, double planes_per_t, int ahead, uint *cell)
 {
     if (!(axis->t_next <= t))
         return;
@@ -50,7 +50,7 @@ void cross_up_to(Axis *axis, double t, double planes_per_t, int ahead, uint *cel
         --planes;
     while (planes < ahead && crossing(axis, axis->planes + (double)planes) <= t)
         ++planes;
-    cross(axis, planes, cell);
+    climb(axis, planes, cell);
 }
 
 // Across axis a out of the cube, at t; b and c follow.
@@ -59,9 +59,9 @@ bool leave_cube(Axis *a, int ahead_a, double t, double stop, Axis *b, int ahead_
 {
     if (t > stop || ahead_a == a->left)
         return false;
-    cross(a, ahead_a + 1, cell);
-    cross_up_to(b, t, b_per_t, ahead_b, cell);
-    cross_up_to(c, t, c_per_t, ahead_c, cell);
+    climb(a, ahead_a + 1, cell);
+    climb_up_to(b, t, b_per_t, ahead_b, cell);
+    climb_up_to(c, t, c_per_t, ahead_c, cell);
     return true;
 }
 

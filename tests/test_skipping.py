@@ -75,5 +75,5 @@ def test_an_empty_brick_is_one_step_and_far_from_references_less(
     assert plain.steps is not None
     assert skipping.steps is not None
     assert not plain.mask.any()
-    # Distances 0 1 2 3 4 4 3 2 1 0: four cells, a brick, leaps of 2 and 4 bricks, a brick, four or three cells.
+    # Distances 0 1 2 3 4 4 3 2 1 0: 4 cells, a brick, leaps of 2 and 4 bricks, a brick, 4 or 3 cells.
     assert (plain.steps.tolist(), skipping.steps.tolist()) == ([x], [steps])
