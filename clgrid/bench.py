@@ -9,13 +9,14 @@ from statistics import median
 from typing import TypeVar
 
 from clgrid import record
+from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import ClgridError, DeviceError, InputError
 from clgrid.grid import Grid, build
 from clgrid.image import Image
 from clgrid.record import BenchRecord, Failure, Row
 from clgrid.renderer import render, warm_up
-from clgrid.scene import Scene, load_scene
+from clgrid.scene import Scene, default_camera, load_scene
 
 Made = TypeVar("Made")
 
@@ -32,6 +33,9 @@ class Work:
         Times that build and render are timed, in turns, after one unmeasured turn.
     layout, density, resolution, accuracy, max_memory, skipping
         As for ``clgrid.build``.
+    view : callable, optional
+        Makes the camera for a scene and the picture's width over its height; by default that of
+        ``clgrid.render``.
 
     Raises
     ------
@@ -48,10 +52,21 @@ class Work:
     accuracy: str = "robust"
     max_memory: int | None = None
     skipping: bool = False
+    view: Callable[[Scene, float], Camera] | None = None
 
     def __post_init__(self) -> None:
         if self.repetitions < 1:
             raise InputError(f"bench: {self.repetitions} repetitions; give at least 1")
+
+    def camera(self, scene: Scene) -> Camera:
+        """Return the camera that looks at the scene.
+
+        Raises
+        ------
+        InputError
+            If the scene has no such camera.
+        """
+        return (self.view or default_camera)(scene, self.width / self.height)
 
     def build(self, scene: Scene, device: Device) -> Grid:
         """Build the scene's grid as this work asks."""
@@ -137,14 +152,15 @@ def load_timed(name: str) -> tuple[Scene, float]:
 
 
 def bench_scene(name: str, work: Work, device: Device) -> Row:
-    """Measure one scene from its default view.
+    """Measure one scene.
 
     Raises
     ------
     ClgridError
-        If the scene cannot be loaded, built or rendered.
+        If the scene cannot be loaded, built or rendered, or has no such camera.
     """
     scene, load_s = load_timed(name)
+    view = work.camera(scene)
     seen = Measurement(scene, load_s, device)
     smooth = scene.mesh.vertex_normals is not None
     seen.first_compile_s.append(
@@ -152,7 +168,7 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     )
 
     def draw(grid: Grid) -> Image:
-        return render(scene, width=work.width, height=work.height, grid=grid)
+        return render(scene, view, work.width, work.height, grid=grid)
 
     grid = work.build(scene, device)
     image = draw(grid)

@@ -127,7 +127,7 @@ def bench_frames(
     device: Device,
     progress: Callable[[str], None] = lambda step: None,
 ) -> FramesRecord:
-    """Rebuild and draw each frame of a moving mesh, from a camera that sees all of them.
+    """Rebuild and draw each frame of a moving mesh, by default from a camera that sees all of them.
 
     The sequence is played once a repetition, after one untimed frame. Vertex normals of the mesh are not
     used: they belong to one pose.
@@ -158,8 +158,11 @@ def bench_frames(
     pose = np.array(frames[0], order="C")
     mesh = Mesh(pose, loaded.mesh.faces, source=loaded.mesh.source)
     first_compile_s = warm_up(device, layout=work.layout, accuracy=work.accuracy, skipping=work.skipping)
-    bounds, aspect = bounds_of_all(frames, mesh), work.width / work.height
-    view = Camera.framing(bounds, up_axis(loaded), aspect=aspect)
+    if work.view is not None:
+        view = work.camera(loaded)
+    else:
+        aspect = work.width / work.height
+        view = Camera.framing(bounds_of_all(frames, mesh), up_axis(loaded), aspect=aspect)
     grid = work.build(Scene(loaded.name, mesh), device)
     FrameTally(0).play(grid, pose, view, work)
     tallies = [FrameTally(k) for k in range(len(frames))]

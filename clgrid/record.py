@@ -137,7 +137,9 @@ class RayKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     Attributes
     ----------
     kind : str
-        ``primary``, ``shadow`` or ``bounce K``.
+        ``primary``, ``shadow``, ``bounce K`` or ``random``.
+    steps_per_ray : float
+        Mean of ``Hits.steps``: cells, and with skipping empty bricks, that a ray looked at.
     cast_s : list of float
         Seconds of the casts from host arrays to host arrays, one entry a repetition; that the rays were
         made is not in it.
@@ -148,6 +150,7 @@ class RayKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     kind: str
     rays: int
     hits: int
+    steps_per_ray: float
     cast_s: list[float]
     mrays_per_s: float
 
@@ -161,7 +164,11 @@ class WorkloadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         Of each path after its primary ray; 0 but for ``diffuse``.
     peak_bytes : int
         Most device bytes that the build held at once.
-    rays, hits, cast_s, mrays_per_s
+    skipping : bool
+        Whether the grid has distances to leap by; they are in ``grid_bytes``.
+    eye : (x, y, z)
+        Of the camera, scene units; ``random`` rays do not start there.
+    rays, hits, steps_per_ray, cast_s, mrays_per_s
         Of all kinds together, as in ``RayKind``.
     checked : int
         Size of the sample that was compared with brute force.
@@ -185,9 +192,12 @@ class WorkloadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     peak_bytes: int
     width: int
     height: int
+    eye: tuple[float, float, float]
+    skipping: bool
     kinds: list[RayKind]
     rays: int
     hits: int
+    steps_per_ray: float
     cast_s: list[float]
     mrays_per_s: float
     checked: int

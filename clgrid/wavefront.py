@@ -1,4 +1,4 @@
-"""Rays as renderers cast them: of a camera, towards a light, and of a small path tracer.
+"""Rays as renderers cast them: of a camera, towards a light, of a small path tracer; and rays at random.
 
 A workload is a list of batches; the next ones start where earlier ones hit. Everything is seeded: the same
 scene, size and seed give the same rays, whatever the layout.
@@ -12,37 +12,40 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from clgrid.camera import Camera
 from clgrid.cast import Hits
 from clgrid.errors import InputError
 from clgrid.mesh import Mesh
-from clgrid.scene import Scene, default_camera
 
 Vectors = npt.NDArray[np.float64]
 
-NAMES = ("primary", "shadow", "diffuse")
+NAMES = ("primary", "shadow", "diffuse", "random")
 DEFAULT_BOUNCES, MOST_BOUNCES = 4, 64
 DEFAULT_CHECK = 4096
 
 _TILE = 8
-_MOST_PIXELS = 1 << 24
+_MOST_RAYS = 1 << 24
 _MOST_TESTS = 4_000_000_000
 # Paths leave a surface from this share of the longest side of the bounds above it: 256 roundings of
 # float32, which is more than a hit point may be off, and less than the edges of scanned triangles.
 _LIFT = 2.0**-16
-# The light stands beyond the highest corner of the bounds, by this share of their longest side along
-# each axis: outside of every mesh, and on the side from which the default camera looks down.
+# Seen from outside, the light stands beyond the highest corner of the bounds, by this share of their longest
+# side along each axis: outside of every mesh, and on the side from which the default camera looks down.
 _LIGHT = 0.5
+# Seen from inside, it stands this share of the longest side from the eye, or nearer if a surface is near.
+_LIGHT_INSIDE = 2.0**-4
 
 
 @dataclass(frozen=True)
 class Workload:
-    """Which rays are cast, besides the size of the picture.
+    """Which rays are cast, besides the camera and the size of the picture.
 
     Attributes
     ----------
-    name : {"primary", "shadow", "diffuse"}
-        The camera's rays; one ray from each of their hits towards the light; or a path tracer's: primary
-        rays, ``bounces`` diffuse ones, and a shadow ray from each vertex of the path.
+    name : {"primary", "shadow", "diffuse", "random"}
+        The camera's rays; one ray from each of their hits towards the light; a path tracer's: primary
+        rays, ``bounces`` diffuse ones, and a shadow ray from each vertex of the path; or rays without any
+        order, from a sphere around the scene to anywhere in its bounds.
     bounces : int
         Diffuse rays of a path that never leaves the scene.
     seed : int
@@ -50,6 +53,8 @@ class Workload:
     check : int
         Rays of a scene to compare with brute force, all batches together; fewer where the triangles
         are so many that this would take more than 4e9 tests.
+    rays : int, optional
+        Of ``random``; by default as many as the picture has pixels.
 
     Raises
     ------
@@ -61,6 +66,7 @@ class Workload:
     bounces: int = DEFAULT_BOUNCES
     seed: int = 0
     check: int = DEFAULT_CHECK
+    rays: int | None = None
 
     def __post_init__(self) -> None:
         if self.name not in NAMES:
@@ -69,6 +75,8 @@ class Workload:
             raise InputError(f"workload: {self.bounces} bounces; give 1 to {MOST_BOUNCES}")
         if self.seed < 0 or self.check < 0:
             raise InputError(f"workload: seed {self.seed}, check {self.check}; give none below 0")
+        if self.rays is not None and not 1 <= self.rays <= _MOST_RAYS:
+            raise InputError(f"workload: {self.rays} rays; give 1 to {_MOST_RAYS:,}")
 
     def sample_size(self, triangles: int) -> int:
         """Rays to compare with brute force, so many that it ends."""
@@ -82,7 +90,7 @@ class Batch:
     Attributes
     ----------
     kind : str
-        ``primary``, ``shadow`` or ``bounce K``.
+        ``primary``, ``shadow``, ``bounce K`` or ``random``.
     origins, directions : (N, 3) float64
         Scene units; directions of any length.
     t_max : float
@@ -98,13 +106,16 @@ class Batch:
 Look = Callable[[Batch], Hits]
 
 
-def batches(scene: Scene | Mesh, width: int, height: int, workload: Workload, look: Look) -> Iterator[Batch]:
+def batches(
+    mesh: Mesh, view: Camera, width: int, height: int, workload: Workload, look: Look
+) -> Iterator[Batch]:
     """Make a workload's rays, batch by batch; ends where no ray is left.
 
     Parameters
     ----------
-    scene : Scene or Mesh
-        Seen from its default camera.
+    mesh : Mesh
+    view : Camera
+        From where primary rays start.
     width, height : int
         Pixels: one primary ray each.
     workload : Workload
@@ -117,14 +128,17 @@ def batches(scene: Scene | Mesh, width: int, height: int, workload: Workload, lo
     InputError
         If there are too many pixels.
     """
-    if width * height > _MOST_PIXELS:
-        raise InputError(f"workload: size {width}x{height}; give at most {_MOST_PIXELS:,} pixels")
-    mesh = scene.mesh if isinstance(scene, Scene) else scene
-    rays = camera_rays(scene, width, height)
+    if width * height > _MOST_RAYS:
+        raise InputError(f"workload: size {width}x{height}; give at most {_MOST_RAYS:,} pixels")
+    if workload.name == "random":
+        if mesh.triangle_count:
+            yield random_rays(mesh, workload.rays or width * height, workload.seed)
+        return
+    rays = camera_rays(view, width, height)
     if workload.name == "primary" or not mesh.triangle_count:
         yield from [rays] if workload.name != "shadow" else []
         return
-    light, lift = light_position(mesh), _LIFT * _longest_side(mesh)
+    light, lift = light_position(mesh, view, look), _LIFT * _longest_side(mesh)
     if workload.name == "shadow":
         points, _ = leave(rays, look(rays), lift)
         yield from _not_empty(shadow_rays(points, light))
@@ -147,14 +161,50 @@ def _longest_side(mesh: Mesh) -> float:
     return float(np.max(mesh.bounds[1] - mesh.bounds[0]))
 
 
-def light_position(mesh: Mesh) -> Vectors:
-    """(3,) float64: the point light, beyond the highest corner by half the longest side on each axis."""
-    return np.asarray(mesh.bounds[1] + _LIGHT * _longest_side(mesh), np.float64)
+def light_position(mesh: Mesh, view: Camera, look: Look) -> Vectors:
+    """(3,) float64: where the point light stands.
+
+    For an eye outside of the bounds, beyond their highest corner by half their longest side along each axis.
+    For one inside, near the eye, so that the walls do not shut the light out: towards the picture's upper
+    right corner, by 1/16 of the longest side, or half way to the first surface if that is nearer.
+    """
+    low, high = np.asarray(mesh.bounds, np.float64)
+    if (view.eye < low).any() or (view.eye > high).any():
+        return np.asarray(high + _LIGHT * _longest_side(mesh), np.float64)
+    step = _LIGHT_INSIDE * _longest_side(mesh) * np.sqrt(0.5) * (view.right + view.up)
+    way = Batch("light", view.eye[None], step[None], t_max=2.0)
+    return np.asarray(view.eye + min(2.0, float(look(way).t_hit[0])) / 2.0 * step, np.float64)
 
 
-def camera_rays(scene: Scene | Mesh, width: int, height: int) -> Batch:
-    """Rays of the default camera through all pixels, in tiles of 8 x 8 as a picture is rendered."""
-    origins, directions = default_camera(scene, width / height).rays(width, height)
+def random_rays(mesh: Mesh, count: int, seed: int) -> Batch:
+    """Rays without order: from a sphere of one diagonal around the centre, through points of the bounds.
+
+    Origins are uniform on the sphere, whose radius is the diagonal; the points, at t = 1, in the box.
+    """
+    random = np.random.default_rng([seed, 2])
+    low, high = np.asarray(mesh.bounds, np.float64)
+    centre, diagonal = low + (high - low) / 2.0, _length(high - low)
+    origins = centre + diagonal * _on_sphere(random, count)
+    return Batch("random", origins, low + (high - low) * random.random((count, 3)) - origins)
+
+
+def _length(vector: Vectors) -> float:
+    """Length, of any magnitude."""
+    largest = float(np.max(np.abs(vector)))
+    return largest * float(np.linalg.norm(vector / largest)) if largest > 0 else 0.0
+
+
+def _on_sphere(random: np.random.Generator, count: int) -> Vectors:
+    """(N, 3) float64: uniform on the unit sphere."""
+    u, v = random.random((2, count))
+    z, angle = 2.0 * u - 1.0, 2.0 * np.pi * v
+    radius = np.sqrt(np.maximum(0.0, 1.0 - z * z))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
+
+
+def camera_rays(view: Camera, width: int, height: int) -> Batch:
+    """Rays of the camera through all pixels, in tiles of 8 x 8 as a picture is rendered."""
+    origins, directions = view.rays(width, height)
     y, x = np.divmod(np.arange(width * height), width)
     order = np.lexsort((x, y, x // _TILE, y // _TILE))
     # Real copies, so that none is made while the clock runs.
@@ -191,8 +241,4 @@ def diffuse_rays(points: Vectors, normals: Vectors, random: np.random.Generator,
 
     The sum of the normal and a point of the unit sphere has that density, without a frame on the surface.
     """
-    u, v = random.random((2, len(points)))
-    z, angle = 2.0 * u - 1.0, 2.0 * np.pi * v
-    radius = np.sqrt(np.maximum(0.0, 1.0 - z * z))
-    sphere = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
-    return Batch(f"bounce {bounce}", points, normals + sphere)
+    return Batch(f"bounce {bounce}", points, normals + _on_sphere(random, len(points)))

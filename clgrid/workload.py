@@ -1,4 +1,4 @@
-"""Measure the rays of a workload: rates, bytes, and the share that differs from brute force."""
+"""Measure the rays of a workload: rates, steps, bytes, and the share that differs from brute force."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from clgrid import record
 from clgrid.bench import Work, each, rate
+from clgrid.camera import Camera
 from clgrid.cast import Hits, brute_force
 from clgrid.device import Device
 from clgrid.grid import Grid
@@ -59,18 +60,25 @@ class _Tally:
 
     rays: int = 0
     hits: int = 0
+    steps: int = 0
     cast_s: list[float] = field(default_factory=list)
 
-    def add(self, rays: int, hits: int, cast_s: Sequence[float]) -> None:
+    def add(self, rays: int, hits: int, steps: int, cast_s: Sequence[float]) -> None:
         self.rays += rays
         self.hits += hits
+        self.steps += steps
         self.cast_s = [a + b for a, b in zip(self.cast_s or [0.0] * len(cast_s), cast_s, strict=True)]
+
+    @property
+    def steps_per_ray(self) -> float:
+        return self.steps / self.rays if self.rays else 0.0
 
     def record(self, kind: str) -> RayKind:
         return RayKind(
             kind=kind,
             rays=self.rays,
             hits=self.hits,
+            steps_per_ray=self.steps_per_ray,
             cast_s=self.cast_s,
             mrays_per_s=rate(self.rays, self.cast_s),
         )
@@ -92,15 +100,20 @@ class Survey:
         return self.grid.cast(batch.origins, batch.directions, t_max=batch.t_max)
 
     def measure(self, batch: Batch) -> None:
-        """Cast once untimed and then as often as asked; the last hits are counted and sampled."""
+        """Cast once untimed and then as often as asked; the last hits are counted and sampled.
+
+        Steps come from one further cast: the kernel that counts them is another one.
+        """
         hits = self.look(batch)
         seconds: list[float] = []
         for _ in range(self.repetitions):
             start = time.perf_counter()
             hits = self.grid.cast(batch.origins, batch.directions, t_max=batch.t_max)
             seconds.append(time.perf_counter() - start)
+        counted = self.grid.cast(batch.origins, batch.directions, t_max=batch.t_max, fields=("steps",))
         tally = self.kinds.setdefault(batch.kind, _Tally())
-        tally.add(len(batch.origins), int(np.count_nonzero(hits.mask)), seconds)
+        steps = int(counted["steps"].sum(dtype=np.int64))
+        tally.add(len(batch.origins), int(np.count_nonzero(hits.mask)), steps, seconds)
         self._keep_sample(batch, hits)
 
     def _keep_sample(self, batch: Batch, hits: Hits) -> None:
@@ -120,12 +133,12 @@ class Survey:
         truth = brute_force(self.grid.mesh, origins, directions, t_max=t_max, device=self.grid.device)
         return len(found), int(np.count_nonzero((found != bit_rows(truth)).any(axis=-1)))
 
-    def row(self, scene: Scene, work: Work, workload: Workload) -> WorkloadRow:
+    def row(self, scene: Scene, view: Camera, work: Work, workload: Workload) -> WorkloadRow:
         """Return everything measured, with the grid's numbers."""
         grid, stats, triangles = self.grid, self.grid.stats, scene.mesh.triangle_count
         total = _Tally()
         for tally in self.kinds.values():
-            total.add(tally.rays, tally.hits, tally.cast_s)
+            total.add(tally.rays, tally.hits, tally.steps, tally.cast_s)
         checked, differing = self.compare()
         return WorkloadRow(
             scene=scene.name,
@@ -142,9 +155,12 @@ class Survey:
             peak_bytes=grid.peak_nbytes,
             width=work.width,
             height=work.height,
+            eye=tuple(view.eye.tolist()),
+            skipping=work.skipping,
             kinds=[tally.record(kind) for kind, tally in self.kinds.items()],
             rays=total.rays,
             hits=total.hits,
+            steps_per_ray=total.steps_per_ray,
             cast_s=total.cast_s or [0.0] * self.repetitions,
             mrays_per_s=rate(total.rays, total.cast_s),
             checked=checked,
@@ -161,13 +177,14 @@ def bench_workload(name: str, workload: Workload, work: Work, device: Device) ->
     Raises
     ------
     ClgridError
-        If the scene cannot be loaded or built, or there are too many pixels.
+        If the scene cannot be loaded or built, has no such camera, or there are too many pixels.
     """
     scene = load_scene(name)
+    view = work.camera(scene)
     survey = Survey(work.build(scene, device), workload, work.repetitions)
-    for batch in batches(scene, work.width, work.height, workload, survey.look):
+    for batch in batches(scene.mesh, view, work.width, work.height, workload, survey.look):
         survey.measure(batch)
-    return survey.row(scene, work, workload)
+    return survey.row(scene, view, work, workload)
 
 
 def bench_workloads(

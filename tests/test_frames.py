@@ -163,6 +163,12 @@ def test_one_update_a_frame_and_play_of_one_grid(device, save, monkeypatch):
     assert np.array_equal(seen[1:], np.concatenate([swelling()] * 2))
 
 
+def test_a_camera_that_is_given_is_taken(device, save):
+    away = replace(SMALL, view=lambda scene, aspect: Camera.look_at([50.0, 0, 0], [90.0, 0, 0]))
+    rows = bench_frames("icosphere:2", save(swelling()), away, device).rows
+    assert [row.hits for row in rows] == [0, 0, 0]
+
+
 def test_the_camera_frames_what_triangles_reach_in_any_frame():
     lonely = Mesh(np.concatenate([BALL.vertices, np.float32([[50, 50, 50]])]), BALL.faces)
     frames = np.stack([lonely.vertices, lonely.vertices - np.float32(3)])

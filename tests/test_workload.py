@@ -10,23 +10,53 @@ from meshes import MESHES
 import clgrid
 from clgrid import workload as module
 from clgrid.bench import Work
+from clgrid.camera import Camera
 from clgrid.cast import Hits
 from clgrid.cli import main
 from clgrid.errors import InputError
 from clgrid.grid import LAYOUTS
 from clgrid.mesh import Mesh
-from clgrid.procedural import icosphere, terrain
-from clgrid.record import WorkloadRecord, decode, encode
-from clgrid.scene import Scene
-from clgrid.wavefront import Batch, Workload, batches, camera_rays, diffuse_rays, light_position
+from clgrid.procedural import cube, icosphere, terrain
+from clgrid.record import BenchRecord, WorkloadRecord, decode, encode
+from clgrid.scene import Scene, default_camera
+from clgrid.wavefront import (
+    NAMES,
+    Batch,
+    Workload,
+    batches,
+    camera_rays,
+    diffuse_rays,
+    light_position,
+    random_rays,
+)
 from clgrid.workload import Survey, bench_workload, bench_workloads, bit_rows, broken_promises, even_parts
 
 SMALL = Work(width=24, height=16, repetitions=2)
 
 
-def all_batches(mesh: Mesh, device: object, workload: Workload) -> list[Batch]:
+def all_batches(mesh: Mesh, device: object, workload: Workload, view: Camera | None = None) -> list[Batch]:
     survey = Survey(clgrid.build(mesh, device=device), workload, 1)
-    return list(batches(mesh, 24, 16, workload, survey.look))
+    return list(batches(mesh, view or view_of(mesh), 24, 16, workload, survey.look))
+
+
+def view_of(mesh: Mesh) -> Camera:
+    return default_camera(mesh, 24 / 16)
+
+
+def outside_light(mesh: Mesh) -> np.ndarray:
+    def look(batch: Batch) -> Hits:
+        raise AssertionError("seen from outside, no ray is needed")
+
+    return light_position(mesh, view_of(mesh), look)
+
+
+def room() -> Mesh:
+    """A closed box from -1 to 1 with a ball of radius 0.3 in its middle."""
+    walls, ball = cube(), icosphere(3)
+    return Mesh(
+        np.concatenate([walls.vertices, ball.vertices * np.float32(0.3)]),
+        np.concatenate([walls.faces, ball.faces + np.uint32(len(walls.vertices))]),
+    )
 
 
 def falsify(monkeypatch, change) -> None:
@@ -53,8 +83,9 @@ def changed(hits: Hits, field: str, where: int) -> Hits:
 
 def test_primary_rays_are_the_cameras_in_tiles():
     mesh = icosphere(2)
-    rays = camera_rays(mesh, 20, 12)
-    origins, directions = clgrid.scene.default_camera(mesh, 20 / 12).rays(20, 12)
+    view = default_camera(mesh, 20 / 12)
+    rays = camera_rays(view, 20, 12)
+    origins, directions = view.rays(20, 12)
     first_tile = directions[:8, :8].reshape(-1, 3)
     assert np.array_equal(rays.directions[:64], first_tile)
     assert np.array_equal(rays.directions[64:128], directions[:8, 8:16].reshape(-1, 3))
@@ -67,15 +98,15 @@ def test_primary_rays_are_the_cameras_in_tiles():
 def test_shadow_rays_end_at_the_light_and_start_on_the_viewers_side(device):
     mesh = icosphere(3)
     (rays,) = all_batches(mesh, device, Workload("shadow"))
-    primary = camera_rays(mesh, 24, 16)
+    primary = camera_rays(view_of(mesh), 24, 16)
     hits = clgrid.build(mesh, device=device).cast(primary.origins, primary.directions)
     points, normals = hits.points[hits.mask], hits.primitive_normals[hits.mask]
     assert rays.t_max == 1.0
-    assert np.allclose(rays.origins + rays.directions, light_position(mesh), atol=1e-12)
+    assert np.allclose(rays.origins + rays.directions, outside_light(mesh), atol=1e-12)
     # The triangles of a ball wind outwards, and that is where the viewer is.
     height = np.einsum("ij,ij->i", rays.origins - points, normals)
     assert np.allclose(height, 2.0 * 2.0**-16, rtol=1e-2)
-    assert (light_position(mesh) > mesh.bounds[1]).all()
+    assert (outside_light(mesh) > mesh.bounds[1]).all()
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0**60, 1e-20])
@@ -84,7 +115,7 @@ def test_a_ball_shades_itself_where_it_turns_from_the_light_and_nowhere_else(dev
     mesh = Mesh((ball.vertices * np.float32(scale)), ball.faces)
     (rays,) = all_batches(mesh, device, Workload("shadow"))
     grid = clgrid.build(mesh, device=device)
-    below = grid.cast(rays.origins, light_position(mesh) * 0 - rays.origins, t_max=1.0)
+    below = grid.cast(rays.origins, -rays.origins, t_max=1.0)
     assert below.mask.all()
     towards = np.einsum("ij,ij->i", below.primitive_normals, rays.directions)
     shaded = grid.cast(rays.origins, rays.directions, t_max=rays.t_max).mask
@@ -154,10 +185,100 @@ def test_the_size_of_the_sample_changes_no_ray(device):
     assert [row.checked for row in rows] == [7, 500]
 
 
+def test_inside_a_room_the_light_is_near_the_eye_and_not_behind_a_wall(device):
+    mesh = room()
+    size = 2.0
+    for eye, target, distance in (
+        ([0.8, 0.1, 0.1], [0.0, 0.0, 0.0], size / 16),
+        # The upper right corner of the picture is at the wall, 0.02 sqrt 2 away from the eye.
+        ([0.98, 0.98, 0.5], [0.98, 0.98, -0.5], 0.02 * np.sqrt(2) / 2),
+    ):
+        view = Camera.look_at(eye, target)
+        look = Survey(clgrid.build(mesh, device=device), Workload("shadow"), 1).look
+        light = light_position(mesh, view, look)
+        away = light - eye
+        assert np.linalg.norm(away) == pytest.approx(distance, rel=1e-4)
+        assert away @ view.forward == pytest.approx(0, abs=1e-12)
+        assert away @ view.right == pytest.approx(away @ view.up)
+        assert away @ view.up > 0
+
+
+def test_a_room_has_light_and_shade_only_from_a_light_inside(device):
+    mesh, view = room(), Camera.look_at([0.8, 0.1, 0.1], [0.0, 0.0, 0.0], fov=80)
+    (rays,) = all_batches(mesh, device, Workload("shadow"), view)
+    shaded = clgrid.build(mesh, device=device).cast(rays.origins, rays.directions, t_max=rays.t_max).mask
+    assert len(shaded) == 24 * 16
+    assert 0 < np.mean(shaded) < 0.5
+
+
+def test_random_rays_come_from_a_sphere_and_go_through_the_bounds():
+    mesh = terrain(24)
+    rays = random_rays(mesh, 20_000, 0)
+    low, high = np.asarray(mesh.bounds, np.float64)
+    radius = np.linalg.norm(rays.origins - (low + high) / 2, axis=1)
+    assert np.allclose(radius, np.linalg.norm(high - low), rtol=1e-12)
+    through = (rays.origins + rays.directions - low) / (high - low)
+    assert (through > -1e-9).all()
+    assert (through < 1 + 1e-9).all()
+    # Uniform in both: means of so many differ from those of the distributions by less than five deviations.
+    assert np.allclose(through.mean(axis=0), 0.5, atol=5 * np.sqrt(1 / 12 / 20_000))
+    assert np.allclose(((rays.origins - (low + high) / 2) / radius[:, None]).mean(axis=0), 0, atol=0.021)
+    assert np.isinf(rays.t_max)
+
+
+def test_random_rays_are_seeded_and_as_many_as_asked(device):
+    mesh = icosphere(2)
+    (given,) = all_batches(mesh, device, Workload("random"))
+    assert (given.kind, given.origins.shape) == ("random", (24 * 16, 3))
+    one, same, other = (all_batches(mesh, device, Workload("random", seed=s, rays=99))[0] for s in (5, 5, 6))
+    assert one.origins.shape == (99, 3)
+    assert np.array_equal(one.origins, same.origins)
+    assert np.array_equal(one.directions, same.directions)
+    assert not np.isclose(one.origins, other.origins).all(axis=1).any()
+
+
+@pytest.mark.parametrize("name", ["far_float64", "times_1e-30", "flat", "one"])
+def test_random_rays_are_sound_for_meshes_that_strain(device, name):
+    (rays,) = all_batches(MESHES[name], device, Workload("random"))
+    assert np.isfinite(rays.origins).all()
+    assert (rays.directions != 0).any(axis=1).all()
+    assert len(np.unique(rays.origins, axis=0)) == len(rays.origins)
+
+
 # Rows
 
 
-@pytest.mark.parametrize("name", ["primary", "shadow", "diffuse"])
+@pytest.mark.parametrize("skipping", [False, True])
+@pytest.mark.parametrize("name", ["diffuse", "random"])
+def test_steps_per_ray_are_the_means_of_what_the_casts_count(device, name, skipping):
+    work, workload = replace(SMALL, skipping=skipping), Workload(name, bounces=2)
+    row = bench_workload("terrain:24", workload, work, device)
+    grid = clgrid.build(terrain(24), skipping=skipping, device=device)
+    counted: dict[str, list[int]] = {}
+    for batch in all_batches(grid.mesh, device, workload):
+        hits = grid.cast(batch.origins, batch.directions, t_max=batch.t_max, fields=("steps",))
+        counted.setdefault(batch.kind, []).extend(hits["steps"].tolist())
+    assert row.skipping is skipping
+    assert {k.kind: k.steps_per_ray for k in row.kinds} == {k: np.mean(v) for k, v in counted.items()}
+    assert row.steps_per_ray == pytest.approx(np.mean([s for steps in counted.values() for s in steps]))
+
+
+def test_skipping_makes_steps_fewer_and_counts_its_bytes(device):
+    plain, skipping = (
+        bench_workload("icosphere:5", Workload("random"), replace(SMALL, density=64, skipping=choice), device)
+        for choice in (False, True)
+    )
+    assert 2 * skipping.steps_per_ray < plain.steps_per_ray
+    assert skipping.grid_bytes > plain.grid_bytes
+
+
+def test_the_camera_of_the_work_casts_the_rays(device):
+    work = replace(SMALL, view=lambda scene, aspect: Camera.look_at([5.0, 0, 0], [9.0, 0, 0]))
+    row = bench_workload("icosphere:2", Workload("primary"), work, device)
+    assert (row.rays, row.hits, row.eye) == (24 * 16, 0, (5.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_row_adds_up_and_equals_brute_force(device, name):
     row = bench_workload("terrain:24", Workload(name, bounces=3, check=300), SMALL, device)
     assert (row.workload, row.bounces) == (name, 3 if name == "diffuse" else 0)
@@ -175,7 +296,7 @@ def test_a_row_adds_up_and_equals_brute_force(device, name):
 def test_meshes_that_strain_equal_brute_force_too(device, name):
     scene = Scene(name, MESHES[name])
     survey = Survey(SMALL.build(scene, device), Workload("diffuse"), 1)
-    for batch in batches(scene, 24, 16, Workload("diffuse"), survey.look):
+    for batch in batches(scene.mesh, view_of(scene.mesh), 24, 16, Workload("diffuse"), survey.look):
         survey.measure(batch)
     checked, differing = survey.compare()
     assert checked == sum(kind.rays for kind in survey.kinds.values()) > 0
@@ -222,7 +343,7 @@ def test_the_sample_is_spread_over_all_batches(device, monkeypatch):
     workload = Workload("diffuse", bounces=2, check=60)
     survey = Survey(clgrid.build(mesh, device=device), workload, 1)
     cast = []
-    for batch in batches(mesh, 64, 64, workload, survey.look):
+    for batch in batches(mesh, view_of(mesh), 64, 64, workload, survey.look):
         survey.measure(batch)
         cast.append(batch)
     assert survey.compare() == (60, 0)
@@ -257,12 +378,12 @@ def test_without_a_sample_there_is_no_share(device):
     assert (row.checked, row.differing, row.differing_share) == (0, 0, None)
 
 
-@pytest.mark.parametrize("name", ["primary", "shadow", "diffuse"])
+@pytest.mark.parametrize("name", NAMES)
 def test_scenes_without_triangles_have_a_row(device, tmp_path, name):
     (tmp_path / "empty.off").write_text("OFF\n0 0 0\n")
     row = bench_workload(str(tmp_path / "empty.off"), Workload(name), SMALL, device)
     assert (row.triangles, row.hits, row.grid_bytes, row.differing) == (0, 0, 0, 0)
-    assert row.rays == (0 if name == "shadow" else 24 * 16)
+    assert row.rays == (0 if name in ("shadow", "random") else 24 * 16)
     assert len(row.cast_s) == 2
 
 
@@ -278,7 +399,16 @@ def test_one_bad_scene_does_not_stop_the_others(device, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"name": "sphere"}, {"bounces": 0}, {"bounces": 65}, {"seed": -1}, {"check": -1}]
+    "wrong",
+    [
+        {"name": "sphere"},
+        {"bounces": 0},
+        {"bounces": 65},
+        {"seed": -1},
+        {"check": -1},
+        {"rays": 0},
+        {"rays": 2**24 + 1},
+    ],
 )
 def test_workloads_out_of_range_are_input_errors(wrong):
     with pytest.raises(InputError):
@@ -312,7 +442,16 @@ def test_the_table_has_a_line_a_kind(run, device):
         "--check", "50", "--device", device.label,
     )  # fmt: skip
     assert (code, err) == (0, "")
-    for word in ("terrain:24", "primary", "shadow", "bounce 1", "Mrays/s", "0 of 50", "medians of 2"):
+    for word in (
+        "terrain:24",
+        "primary",
+        "shadow",
+        "bounce 1",
+        "Mrays/s",
+        "steps/ray",
+        "0 of 50",
+        "medians of 2",
+    ):
         assert word in " ".join(out.split()), word  # a long device name breaks the title's line
 
 
@@ -325,6 +464,19 @@ def test_json_is_one_strict_document(run, device):
     found = decode(out, WorkloadRecord)
     assert (found.rows[0].rays, found.seeds) == (256, {"workload": 4})
     assert found.process_peak_bytes is None or found.process_peak_bytes > 1 << 20
+
+
+def test_options_choose_camera_and_rays(run, device):
+    common = ("--size", "16x16", "--reps", "1", "--json", "--device", device.label)
+    away = ("--eye", "5,0,0", "--look-at", "9,0,0", "--up", "y", "--fov", "30")
+    code, out, _ = run("bench", "cube", "--workload", "primary", *away, *common)
+    row = decode(out, WorkloadRecord).rows[0]
+    assert (code, row.hits, row.eye) == (0, 0, (5.0, 0.0, 0.0))
+    code, out, _ = run("bench", "cube", "--workload", "random", "--rays", "77", *common)
+    row = decode(out, WorkloadRecord).rows[0]
+    assert (code, row.rays, [kind.kind for kind in row.kinds]) == (0, 77, ["random"])
+    code, out, _ = run("bench", "cube", *away, *common)
+    assert (code, decode(out, BenchRecord).rows[0].hits) == (0, 0)
 
 
 def test_a_difference_is_exit_code_2_and_a_line(run, device, monkeypatch):
@@ -351,6 +503,14 @@ def test_a_difference_is_exit_code_2_and_a_line(run, device, monkeypatch):
         ["--bounces", "3"],
         ["--seed", "1"],
         ["--check", "1"],
+        ["--rays", "9"],
+        ["--workload", "primary", "--rays", "9"],
+        ["--workload", "random", "--rays", "0"],
+        ["--workload", "random", "--bounces", "3"],
+        ["--workload", "primary", "--camera", "none"],
+        ["--workload", "primary", "--camera", "0", "--eye", "1,2,3"],
+        ["--workload", "primary", "--eye", "1,2"],
+        ["--eye", "1,2"],
     ],
 )
 def test_mistakes_end_in_one_line_and_exit_code_1(run, words):

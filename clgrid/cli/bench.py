@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clgrid.cli import options, output
+from clgrid.cli import cameras, options, output
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from clgrid.bench import Work
+    from clgrid.camera import Camera
     from clgrid.device import Device
     from clgrid.record import BenchRecord, Failure, FramesRecord, WorkloadRecord
+    from clgrid.scene import Scene
 
 RAYS, MOTION = "Rays of renderers", "Moving meshes"
 
@@ -28,9 +30,10 @@ WorkloadName = Annotated[
     str | None,
     typer.Option(
         "--workload",
-        metavar="primary|shadow|diffuse",
+        metavar="primary|shadow|diffuse|random",
         help="Cast these rays as arrays, and compare a sample with brute force: the camera's, one from each"
-        " of their hits to a light, or a path tracer's. A difference is exit code 2.",
+        " of their hits to a light, a path tracer's, or from all around to anywhere in the bounds. A"
+        " difference is exit code 2.",
         rich_help_panel=RAYS,
         show_default=False,
     ),
@@ -47,6 +50,10 @@ Check = Annotated[
     typer.Option(
         metavar="RAYS", help="Compare so many rays with brute force. Default: 4096.", rich_help_panel=RAYS
     ),
+]
+Rays = Annotated[
+    int | None,
+    typer.Option(help="Of --workload random. Default: as many as --size has pixels.", rich_help_panel=RAYS),
 ]
 FramesFile = Annotated[
     Path | None,
@@ -67,8 +74,14 @@ def bench(
     bounces: Bounces = None,
     seed: Seed = None,
     check: Check = None,
+    rays: Rays = None,
     frames: FramesFile = None,
     size: options.Size = "1024x1024",
+    camera: cameras.CameraName = "",
+    eye: cameras.Eye = "",
+    look_at: cameras.LookAt = "",
+    up: cameras.Up = "auto",
+    fov: cameras.Fov = None,
     reps: Repetitions = 5,
     layout: options.Layout = "compact",
     density: options.Density = "auto",
@@ -88,7 +101,7 @@ def bench(
     width, height = options.parse_size(size)
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
     memory = options.parse_bytes(max_memory)
-    given = {"--bounces": bounces, "--seed": seed, "--check": check}
+    given = {"--bounces": bounces, "--seed": seed, "--check": check, "--rays": rays}
     numbers = {name[2:]: value for name, value in given.items() if value is not None}
     _check_modes(scenes, workload, frames, numbers)
 
@@ -104,6 +117,7 @@ def bench(
         accuracy=accuracy,
         max_memory=memory,
         skipping=skipping,
+        view=_view(camera, eye, look_at, up, fov),
     )
     show = _Show(json=json, quiet=quiet)
     if workload is not None:
@@ -123,8 +137,18 @@ def _check_modes(
         raise InputError(f"bench: --frames moves one mesh; give one scene instead of {len(scenes)}")
     if workload is None and numbers:
         raise InputError(f"bench: --{next(iter(numbers))} belongs to --workload; give that too")
-    if workload != "diffuse" and "bounces" in numbers:
-        raise InputError("bench: --bounces belongs to --workload diffuse; leave it out")
+    for option, owner in (("bounces", "diffuse"), ("rays", "random")):
+        if workload != owner and option in numbers:
+            raise InputError(f"bench: --{option} belongs to --workload {owner}; leave it out")
+
+
+def _view(
+    camera: str, eye: str, look_at: str, up: str, fov: float | None
+) -> Callable[[Scene, float], Camera] | None:
+    """The camera of each scene; None where no option speaks of it."""
+    if not camera and not eye and not look_at and up == "auto" and fov is None:
+        return None
+    return lambda scene, aspect: cameras.choose_camera(scene, aspect, camera, eye, look_at, up, fov)
 
 
 class _Show:
@@ -238,7 +262,7 @@ def _scene_table(result: BenchRecord, device: Device) -> Table:
 
 
 def _workload_table(result: WorkloadRecord, device: Device) -> Table:
-    numbers = ("rays of", "rays", "hits", "cast", "Mrays/s", "grid", "peak", "differ")
+    numbers = ("rays of", "rays", "hits", "steps/ray", "cast", "Mrays/s", "grid", "peak", "differ")
     table = _table(device, len(result.rows[0].cast_s), "scene", numbers)
     for row in result.rows:
         for kind in row.kinds:
@@ -247,6 +271,7 @@ def _workload_table(result: WorkloadRecord, device: Device) -> Table:
                 kind.kind,
                 f"{kind.rays:,}",
                 f"{kind.hits:,}",
+                f"{kind.steps_per_ray:.1f}",
                 output.seconds(median(kind.cast_s)),
                 f"{kind.mrays_per_s:.3g}",
             )
@@ -255,6 +280,7 @@ def _workload_table(result: WorkloadRecord, device: Device) -> Table:
             "all",
             f"{row.rays:,}",
             f"{row.hits:,}",
+            f"{row.steps_per_ray:.1f}",
             output.seconds(median(row.cast_s)),
             f"{row.mrays_per_s:.3g}",
             output.size(row.grid_bytes),

@@ -7,18 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clgrid.cli import options, output
+from clgrid.cli import cameras, options, output
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from clgrid.bench import Measurement
-    from clgrid.camera import Camera
     from clgrid.grid import Grid
     from clgrid.image import Image
     from clgrid.record import Row
-    from clgrid.scene import Scene
 
     Show = Callable[[str, float | None], None] | None
 
@@ -48,39 +46,6 @@ Background = Annotated[
         metavar="COLOUR", help="Linear R,G,B, one grey, or #rrggbb.", rich_help_panel=options.PICTURE
     ),
 ]
-CameraName = Annotated[
-    str,
-    typer.Option(
-        "--camera",
-        metavar="NAME|INDEX|FILE.json",
-        help="A camera of the glTF file, or of a camera file.",
-        rich_help_panel=options.CAMERA,
-        show_default=False,
-    ),
-]
-Eye = Annotated[
-    str, typer.Option(metavar="X,Y,Z", help="Where the camera stands.", rich_help_panel=options.CAMERA)
-]
-LookAt = Annotated[
-    str, typer.Option(metavar="X,Y,Z", help="What it looks at.", rich_help_panel=options.CAMERA)
-]
-Up = Annotated[
-    str,
-    typer.Option(
-        metavar="AXIS|X,Y,Z",
-        help="Up in the picture: x, -z, ... auto takes z for STL and for flat scenes, else y.",
-        rich_help_panel=options.CAMERA,
-    ),
-]
-Fov = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEGREES",
-        help="Vertical field of view; 40 if not the camera's own.",
-        rich_help_panel=options.CAMERA,
-        show_default=False,
-    ),
-]
 
 
 def render(
@@ -89,11 +54,11 @@ def render(
     size: options.Size = "1024x1024",
     aov: Aov = "",
     background: Background = "0.9",
-    camera: CameraName = "",
-    eye: Eye = "",
-    look_at: LookAt = "",
-    up: Up = "auto",
-    fov: Fov = None,
+    camera: cameras.CameraName = "",
+    eye: cameras.Eye = "",
+    look_at: cameras.LookAt = "",
+    up: cameras.Up = "auto",
+    fov: cameras.Fov = None,
     layout: options.Layout = "compact",
     density: options.Density = "auto",
     resolution: options.Resolution = "",
@@ -133,7 +98,7 @@ def render(
         _say(show, f"load {scene}")
         loaded, load_s = load_timed(scene)
         output.warn(loaded.mesh.warnings, quiet=quiet)
-        view = choose_camera(loaded, width / height, camera, eye, look_at, up, fov)
+        view = cameras.choose_camera(loaded, width / height, camera, eye, look_at, up, fov)
         seen = Measurement(loaded, load_s, chosen)
         if loaded.mesh.triangle_count:
             _say(show, "compile")
@@ -159,41 +124,6 @@ def render(
         row = seen.row(grid, image)
         save_s = _save(image, paths, row, show)
     _report(row, seen, grid, paths, save_s, json=json, quiet=quiet)
-
-
-def choose_camera(
-    scene: Scene, aspect: float, camera: str, eye: str, look_at: str, up: str, fov: float | None
-) -> Camera:
-    """Return the camera that the options describe.
-
-    Raises
-    ------
-    InputError
-        If they contradict each other or name no camera.
-    """
-    from dataclasses import replace
-
-    from clgrid.camera import DEFAULT_FOV, Camera
-    from clgrid.scene import default_camera, named_camera, parse_up, parse_vector
-
-    if camera:
-        if eye or look_at or up != "auto":
-            raise InputError("--camera brings its own place: leave out --eye, --look-at and --up")
-        found = named_camera(scene, camera)
-        return found if fov is None else replace(found, fov=fov, fov_axis="y")
-    upward = parse_up(up, scene)
-    framed = default_camera(scene, aspect, upward, DEFAULT_FOV if fov is None else fov)
-    if not eye and not look_at:
-        return framed
-    start = parse_vector(eye, "--eye") if eye else framed.eye
-    if look_at:
-        target = parse_vector(look_at, "--look-at")
-    elif scene.mesh.triangle_count:
-        low, high = scene.mesh.bounds.tolist()
-        target = (low[0] / 2 + high[0] / 2, low[1] / 2 + high[1] / 2, low[2] / 2 + high[2] / 2)
-    else:
-        target = (0.0, 0.0, 0.0)
-    return Camera.look_at(start, target, upward, framed.fov)
 
 
 def _check_outputs(paths: list[Path], aovs: tuple[str, ...]) -> None:
