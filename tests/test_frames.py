@@ -18,7 +18,8 @@ from clgrid.camera import Camera
 from clgrid.cli import main
 from clgrid.errors import InputError
 from clgrid.frames import bench_frames, bounds_of_all, read_frames
-from clgrid.grid import LAYOUTS, Grid
+from clgrid.grid import Grid
+from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import icosphere
 from clgrid.record import FramesRecord, decode, encode

@@ -14,7 +14,7 @@ from clgrid.camera import Camera
 from clgrid.cast import Hits
 from clgrid.cli import main
 from clgrid.errors import InputError
-from clgrid.grid import LAYOUTS
+from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, terrain
 from clgrid.record import BenchRecord, WorkloadRecord, decode, encode
