@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         InputError,
         MeshError,
     )
-    from clgrid.grid import Grid, build
+    from clgrid.grid import Grid, build, predict
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
     from clgrid.renderer import render
@@ -50,6 +50,7 @@ __all__ = [
     "devices",
     "load",
     "load_scene",
+    "predict",
     "read_image",
     "render",
 ]
@@ -68,6 +69,7 @@ _HOMES = {
     "devices": ("device", "describe_all"),
     "load": ("mesh", "load"),
     "load_scene": ("scene", "load_scene"),
+    "predict": ("grid", "predict"),
     "read_image": ("image", "read_image"),
     "render": ("renderer", "render"),
     **{

@@ -11,20 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid import layouts
+from clgrid import cost, layouts
 from clgrid.cast import FIELDS, GridPart, Hits, as_bounded_rays, cast_closest, no_hits
 from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
-from clgrid.layouts import LAYOUTS
-from clgrid.layouts.planes import plane_params
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
-from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
+from clgrid.recipe import Options, Recipe
 from clgrid.target import DeviceMesh, MeshPart
-
-ACCURACIES = ("robust",)
-
 
 # Of the arrays of cl/lists.h; those of _POSITIONS are uint64 in a grid of more than 2^32 references.
 _POSITIONS = ("cells", "table", "heads", "next", "pointers")
@@ -37,24 +32,6 @@ _DTYPES: dict[str, type[np.unsignedinteger[Any]]] = {
 }
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How a grid is built: the arguments of ``build`` that outlive it, as checked."""
-
-    layout: str
-    density: float
-    resolution: tuple[int, int, int] | None
-    accuracy: str
-    max_memory: int | None
-    skipping: bool
-
-    def params(self, part: MeshPart) -> npt.NDArray[np.void]:
-        """The planes of the grid over a part of the mesh."""
-        bounds = part.local_bounds
-        cells = self.resolution or by_density(bounds[1] - bounds[0], part.count, self.density)
-        return plane_params(bounds, cells, part.count, part.first)
 
 
 @dataclass(frozen=True)
@@ -115,6 +92,9 @@ class Grid:
         The arrays on the device; none for a mesh without triangles.
     upload_s : float
         Seconds to bring the mesh into its local frame and to the device.
+    choice : Choice or None
+        The grids among which this one was chosen, with their estimated seconds and bytes; None where nothing
+        was left to choose.
     """
 
     def __init__(self, mesh: Mesh, device: Device, recipe: Recipe) -> None:
@@ -125,6 +105,7 @@ class Grid:
         self._allocator = Allocator(device, recipe.max_memory)
         self._target: DeviceMesh | None = None
         self.upload_s = 0.0
+        self.choice: cost.Choice | None = None
 
     @property
     def layout(self) -> str:
@@ -349,17 +330,22 @@ def build(
     accuracy: str = "robust",
     device: Device | str | None = None,
     max_memory: int | None = None,
-    skipping: bool = False,
+    skipping: bool | str = False,
+    rays: int = cost.DEFAULT_RAYS,
 ) -> Grid:
     """Build a grid over a mesh.
+
+    What is "auto" is chosen for the least time of the build and the casts together, by a model of the device
+    (see ``cost``); whatever is chosen, the hits are the same. ``Grid.choice`` says what was weighed.
 
     Parameters
     ----------
     mesh : Mesh
-    layout : {"compact", "hashed", "linked-list", "dynamic-array"}
-        How cells find their lists: the paper's two, and those that it compares them with.
+    layout : {"compact", "hashed", "linked-list", "dynamic-array", "auto"}
+        How cells find their lists: the paper's two, those that it compares them with, or whichever of the
+        two is estimated to be faster.
     density : float or "auto"
-        Cells per triangle; "auto" is the paper's 4.
+        Cells per triangle. The paper's is 4.
     resolution : (int, int, int), optional
         Cells along x, y, z, instead of a density.
     accuracy : {"robust"}
@@ -367,23 +353,33 @@ def build(
     device : Device or str, optional
         An index, part of a name, or platform:device; by default CLGRID_DEVICE or a CPU device.
     max_memory : int, optional
-        Bytes that the finished grid may have.
-    skipping : bool
+        Bytes that the finished grid may have. What is "auto" is chosen among grids that keep to it.
+    skipping : bool or "auto"
         Keep a byte for every 4 x 4 x 4 cells, by which rays leap over empty space; changes no answer.
+    rays : int
+        How many are expected: many are worth a finer grid.
 
     Raises
     ------
     InputError
         If an option is unknown or out of range.
     GridTooLargeError
-        If the grid would exceed ``max_memory``, the device, or 32-bit indices; says the bytes.
+        If the grid, or with "auto" every grid, would exceed ``max_memory``, the device, or 32-bit indices;
+        says the bytes.
     DeviceError
         If there is no usable device.
     """
-    recipe = _recipe(layout, density, resolution, accuracy, max_memory, skipping)
-    grid = Grid(mesh, device if isinstance(device, Device) else choose(device), recipe)
-    if mesh.triangle_count:
-        grid._build()
+    asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays)
+    chosen = device if isinstance(device, Device) else choose(device)
+
+    def attempt(recipe: Recipe) -> Grid:
+        grid = Grid(mesh, chosen, recipe)
+        if mesh.triangle_count:
+            grid._build()
+        return grid
+
+    grid, choice = asked.first_that_fits(mesh, chosen, attempt)
+    grid.choice = choice
     return grid
 
 
@@ -393,38 +389,41 @@ def predict(
     density: float | str = "auto",
     resolution: tuple[int, int, int] | None = None,
     device: Device | str | None = None,
-    skipping: bool = False,
+    max_memory: int | None = None,
+    skipping: bool | str = False,
+    rays: int = cost.DEFAULT_RAYS,
 ) -> dict[str, int]:
     """Bytes by array of the grid that ``build`` would make, exactly, without keeping any of it.
 
     Parameters, errors
         As of ``build``. The mesh must fit in one part on the device.
     """
-    recipe = _recipe(layout, density, resolution, "robust", None, skipping)
-    if not mesh.triangle_count:
-        return {}
+    return predict_choice(mesh, layout, density, resolution, device, max_memory, skipping, rays)[0]
+
+
+def predict_choice(
+    mesh: Mesh,
+    layout: str = "compact",
+    density: float | str = "auto",
+    resolution: tuple[int, int, int] | None = None,
+    device: Device | str | None = None,
+    max_memory: int | None = None,
+    skipping: bool | str = False,
+    rays: int = cost.DEFAULT_RAYS,
+) -> tuple[dict[str, int], cost.Choice | None]:
+    """``predict``, with what ``Grid.choice`` would be."""
+    asked = Options(layout, density, resolution, "robust", max_memory, skipping, rays)
     chosen = device if isinstance(device, Device) else choose(device)
-    allocator = Allocator(chosen)
-    part = DeviceMesh(mesh, chosen, allocator).whole
-    params = recipe.params(part)
-    return layouts.predict(chosen, allocator, part.vertices, part.faces, params, layout, skipping)
 
+    def attempt(recipe: Recipe) -> dict[str, int]:
+        if not mesh.triangle_count:
+            return {}
+        allocator = Allocator(chosen, recipe.max_memory)
+        part = DeviceMesh(mesh, chosen, allocator).whole
+        sizes = layouts.predict(
+            chosen, allocator, part.vertices, part.faces, recipe.params(part), recipe.layout, recipe.skipping
+        )
+        allocator.check_arrays(sizes, f"a grid of density {recipe.density:g}")
+        return sizes
 
-def _recipe(
-    layout: str,
-    density: float | str,
-    resolution: tuple[int, int, int] | None,
-    accuracy: str,
-    max_memory: int | None,
-    skipping: bool,
-) -> Recipe:
-    """The options as checked; raises InputError naming the first that is unknown."""
-    for name, value, known in (("layout", layout, LAYOUTS), ("accuracy", accuracy, ACCURACIES)):
-        if value not in known:
-            raise InputError(f"{name} is {value!r}; choose one of {', '.join(known)}")
-    if isinstance(density, str):
-        if density != "auto":
-            raise InputError(f"density is {density!r}; give a number or 'auto'")
-        density = DEFAULT_DENSITY
-    cells = None if resolution is None else checked(resolution)
-    return Recipe(layout, density, cells, accuracy, max_memory, skipping)
+    return asked.first_that_fits(mesh, chosen, attempt)

@@ -105,6 +105,11 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
     return kernels[variant, name]
 
 
+def source_digest(file: str) -> str:
+    """Digest of a .cl file and every file that it includes, directly or not."""
+    return _digest(file)
+
+
 def builds(device: Device) -> list[Build]:
     """The variants built on ``device`` in this process, in order."""
     with _lock:

@@ -1,0 +1,269 @@
+"""Fits the constants of the cost model on a device: once, by building and casting small scenes.
+
+What will be compared is measured in turns, so that a busy moment of the machine is shared by all of it.
+Kept beside clgrid's other caches, one file for each layout, with and without skipping, of a device, its
+driver and these kernels.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clgrid import cache, layouts, registration
+from clgrid.cast import GridPart, Rays, cast_closest
+from clgrid.cost import Constants
+from clgrid.device import Device
+from clgrid.errors import ClgridError
+from clgrid.layouts.planes import plane_params
+from clgrid.memory import Allocator
+from clgrid.mesh import Mesh
+from clgrid.procedural import cube, terrain
+from clgrid.program import source_digest
+from clgrid.resolution import by_density
+from clgrid.target import DeviceMesh
+
+# Seconds for: a build, a triangle, a reference, a cell; a ray, a step, a test. By PoCL and Intel's runtime on
+# two cores of an EPYC: what every fit starts from, and stays near where it says little.
+_TYPICAL_BUILD = (5e-4, 1.2e-8, 1.6e-8, 5e-10)
+_TYPICAL_CAST = (1e-7, 4e-9, 3e-9)
+_TYPICAL_LEAP = (1e-7, 1.5e-8, 3e-9)
+
+_ROUNDS = 4
+# Rays: few rows of a picture, each as dense as that of a large one, since neighbours share what they read.
+_ROWS, _COLUMNS = 32, 1024
+_NEEDLES = 1 << 14
+# A constant may differ from the typical one, once that is scaled to the device, by so much either way.
+_MOST = 10.0
+# Weight of the typical constants beside a measurement: decides what those leave open.
+_PULL = 0.3
+_FORMAT = 1
+
+_lock = threading.Lock()
+_known: dict[tuple[Device, str, bool], Constants] = {}
+
+Kind = tuple[str, bool]
+"""A layout, and whether with skipping."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was done, and the seconds that it took.
+
+    Attributes
+    ----------
+    amounts : (k, n) float64
+        Of each thing that has a constant, in each measurement.
+    seconds : (k,) float64
+    """
+
+    amounts: npt.NDArray[np.float64]
+    seconds: npt.NDArray[np.float64]
+
+
+def constants(device: Device, kinds: Sequence[Kind]) -> dict[Kind, Constants]:
+    """The device's constants, fitted at first use, from then on read from the cache.
+
+    Those that are asked for together were measured together, or are all fitted anew. Where a fit fails they
+    are typical ones, and their ``source`` says why.
+    """
+    with _lock:
+        found = {kind: _known.get((device, *kind)) or _kept(device, *kind) for kind in kinds}
+        known = {kind: kept for kind, kept in found.items() if kept is not None}
+        if len(known) < len(kinds):
+            known = _fitted(device, kinds)
+        _known.update({(device, *kind): kept for kind, kept in known.items()})
+        return known
+
+
+def typical(skipping: bool, source: str = "typical") -> Constants:
+    """Constants of no device in particular."""
+    return Constants(_TYPICAL_BUILD, _TYPICAL_LEAP if skipping else _TYPICAL_CAST, source)
+
+
+def cache_name(device: Device, layout: str, skipping: bool) -> str:
+    """Name of the file in ``cache.folder()``, without its suffix."""
+    seen = device.description
+    files = (*layouts.programs(layout, skip=skipping), "cast_closest.cl")
+    return "cost-" + cache.key(
+        *(_FORMAT, layout, skipping),
+        *(seen.platform_version, seen.name, seen.driver_version, seen.compute_units),
+        *(source_digest(file) for file in files),
+    )
+
+
+def _kept(device: Device, layout: str, skipping: bool) -> Constants | None:
+    """What an earlier fit found; None if there was none, or its file makes no sense."""
+    record = cache.load(cache_name(device, layout, skipping))
+    if record is None:
+        return None
+    build, cast = (_numbers(record.get(name), count) for name, count in (("build", 4), ("cast", 3)))
+    if build is None or cast is None:
+        return None
+    return Constants(_four(build), _three(cast), _source(device))
+
+
+def _numbers(values: Any, count: int) -> list[float] | None:
+    """So many seconds above zero, or None."""
+    sound = isinstance(values, list) and len(values) == count
+    if not sound or not all(isinstance(v, float) and 0 < v < math.inf for v in values):
+        return None
+    return list(values)
+
+
+def _source(device: Device) -> str:
+    return f"fitted on {device.label}, driver {device.description.driver_version}, kept in {cache.folder()}"
+
+
+def _fitted(device: Device, kinds: Sequence[Kind]) -> dict[Kind, Constants]:
+    try:
+        found = {
+            (layout, skip): Constants(
+                _four(fit(built, _TYPICAL_BUILD)), _three(fit(casts, typical(skip).cast)), _source(device)
+            )
+            for (layout, skip), (built, casts) in measure(device, kinds).items()
+        }
+    except (ClgridError, registration.opencl().Error, MemoryError, ArithmeticError) as error:
+        why = f"typical, since the fit on {device.label} failed: {error}"
+        return {(layout, skip): typical(skip, why) for layout, skip in kinds}
+    for kind, fitted in found.items():
+        record = {"build": list(fitted.build), "cast": list(fitted.cast)}
+        cache.store(cache_name(device, *kind), record)
+    return found
+
+
+def _four(values: Sequence[float]) -> tuple[float, float, float, float]:
+    a, b, c, d = values
+    return a, b, c, d
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    a, b, c = values
+    return a, b, c
+
+
+def fit(measured: Measured, start: tuple[float, ...]) -> tuple[float, ...]:
+    """Constants that explain the seconds, near ``start`` scaled to the device where these leave it open.
+
+    Parameters
+    ----------
+    measured : Measured
+    start : tuple of n float
+        Typical constants, seconds.
+
+    Raises
+    ------
+    ArithmeticError
+        If the seconds are not all above zero and finite.
+    """
+    if not (np.isfinite(measured.seconds).all() and (measured.seconds > 0).all()):
+        raise ArithmeticError(f"the clock gave {measured.seconds.tolist()} seconds")
+    # Relative errors count, so that small scenes weigh as much as large ones.
+    shares = measured.amounts * np.array(start) / measured.seconds[:, None]
+    scale = 1 / float(np.median(shares.sum(axis=1)))
+    count = len(start)
+    pull = math.sqrt(_PULL) * np.eye(count)
+    rows = np.concatenate([scale * shares, pull])
+    wanted = np.concatenate([np.ones(len(shares)), np.diag(pull)])
+    factors = np.clip(np.linalg.lstsq(rows, wanted, rcond=None)[0], 1 / _MOST, _MOST)
+    return tuple(float(value) for value in scale * factors * np.array(start))
+
+
+def measure(device: Device, kinds: Sequence[Kind]) -> dict[Kind, tuple[Measured, Measured]]:
+    """Build and cast, in turns.
+
+    Returns
+    -------
+    dict of kind to (Measured, Measured)
+        Of builds: in any case, triangles, references, cells. Of casts: rays, steps, tests.
+    """
+    scenes = [(cube(), 4.0), *((mountains(), density) for density in (0.5, 4.0, 16.0))]
+    scenes += [(needles(), density) for density in (0.5, 4.0)]
+    experiments = [_Experiment(mesh, device, kind, density) for kind in kinds for mesh, density in scenes]
+    for _ in range(_ROUNDS):
+        for experiment in experiments:
+            experiment.run()
+    of = {kind: [one for one in experiments if one.kind == kind] for kind in kinds}
+    return {
+        kind: (
+            Measured(np.array([one.built for one in ours]), np.array([one.build_s for one in ours])),
+            Measured(np.array([one.counted for one in ours]), np.array([one.cast_s for one in ours])),
+        )
+        for kind, ours in of.items()
+    }
+
+
+class _Experiment:
+    """One scene at one density in one layout: the least seconds of its builds and of its casts."""
+
+    def __init__(self, mesh: Mesh, device: Device, kind: Kind, density: float) -> None:
+        self.mesh = mesh
+        self.device = device
+        self.kind = kind
+        self.density = density
+        self.rays = view(mesh)
+        # The first turn compiles, and counts.
+        self._build()
+        hits = cast_closest(self.target, [self.part], self.rays, ("steps", "tests"))
+        self._cast()
+        lists = self.part.lists
+        self.built = (1.0, mesh.triangle_count, lists.reference_count, lists.cell_count)
+        self.counted = (len(self.rays.origins), hits["steps"].sum(), hits["tests"].sum())
+        self.build_s = self.cast_s = math.inf
+
+    def run(self) -> None:
+        """Build and cast once more; what disturbs only ever adds, so the least counts."""
+        start = time.perf_counter()
+        self._build()
+        built = time.perf_counter()
+        self._cast()
+        self.build_s = min(self.build_s, built - start)
+        self.cast_s = min(self.cast_s, time.perf_counter() - built)
+
+    def _build(self) -> None:
+        allocator = Allocator(self.device)
+        self.target = DeviceMesh(self.mesh, self.device, allocator)
+        whole = self.target.whole
+        resolution = by_density(whole.local_bounds[1] - whole.local_bounds[0], whole.count, self.density)
+        params = plane_params(whole.local_bounds, resolution, whole.count)
+        vertices, faces = whole.vertices, whole.faces
+        lists = layouts.build(self.device, allocator, vertices, faces, params, *self.kind)
+        self.part = GridPart(whole, lists)
+
+    def _cast(self) -> None:
+        cast_closest(self.target, [self.part], self.rays, ())
+
+
+def mountains() -> Mesh:
+    """A surface with room above and below: rays take steps."""
+    hills = terrain(256)
+    return Mesh(hills.vertices * np.array([1, 1, 4], np.float32), hills.faces, source="mountains")
+
+
+def needles() -> Mesh:
+    """Long thin triangles all over the unit cube: many references for each."""
+    i = np.arange(_NEEDLES)
+    start = np.stack([i / _NEEDLES, i * 0.618033988749895 % 1, i * 0.754877666246693 % 1], -1)
+    corners = start[:, None] + np.array([[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0.2]])
+    faces = np.arange(3 * _NEEDLES, dtype=np.uint32).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces, source="needles")
+
+
+def view(mesh: Mesh) -> Rays:
+    """Rows of rays from one point to a square around the mesh."""
+    low, high = mesh.bounds
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    back = np.array([0.48, 0.6, 0.64])
+    across = np.array([0.8, 0.0, -0.6])
+    rows, columns = (np.linspace(-0.4, 0.4, count) for count in (_ROWS, _COLUMNS))
+    targets = middle + size * (rows[:, None, None] * np.cross(back, across) + columns[:, None] * across)
+    origin = middle + 1.5 * size * back
+    directions = targets.reshape(-1, 3) - origin
+    return Rays(np.tile(origin, (len(directions), 1)), directions, np.array([[0.0, np.inf]]))

@@ -1,0 +1,117 @@
+"""How a grid is to be built: the options as checked, and what "auto" becomes on a mesh and a device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from clgrid import calibrate, cost
+from clgrid.device import Device
+from clgrid.errors import InputError
+from clgrid.layouts import LAYOUTS
+from clgrid.layouts.planes import plane_params
+from clgrid.mesh import Mesh
+from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
+from clgrid.target import MeshPart
+
+ACCURACIES = ("robust",)
+AUTO = "auto"
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a grid is built: the arguments of ``build`` that outlive it, as checked."""
+
+    layout: str
+    density: float
+    resolution: tuple[int, int, int] | None
+    accuracy: str
+    max_memory: int | None
+    skipping: bool
+
+    def params(self, part: MeshPart) -> npt.NDArray[np.void]:
+        """The planes of the grid over a part of the mesh."""
+        bounds = part.local_bounds
+        cells = self.resolution or by_density(bounds[1] - bounds[0], part.count, self.density)
+        return plane_params(bounds, cells, part.count, part.first)
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of ``build``, checked; those that are "auto" are still open.
+
+    Raises
+    ------
+    InputError
+        Naming the first that is unknown or out of range.
+    """
+
+    layout: str
+    density: float | str
+    resolution: tuple[int, int, int] | None
+    accuracy: str
+    max_memory: int | None
+    skipping: bool | str
+    rays: int
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("layout", self.layout, (*LAYOUTS, AUTO)),
+            ("accuracy", self.accuracy, ACCURACIES),
+            ("skipping", self.skipping, (True, False, AUTO)),
+        ):
+            if value not in known:
+                raise InputError(f"{name} is {value!r}; choose one of {', '.join(map(str, known))}")
+        if isinstance(self.density, str) and self.density != AUTO:
+            raise InputError(f"density is {self.density!r}; give a number or 'auto'")
+        if self.resolution is not None:
+            object.__setattr__(self, "resolution", checked(self.resolution))
+        if self.rays < 0:
+            raise InputError(f"rays is {self.rays}; give how many are expected, at least 0")
+
+    def first_that_fits(
+        self, mesh: Mesh, device: Device, attempt: Callable[[Recipe], Made]
+    ) -> tuple[Made, cost.Choice | None]:
+        """What ``attempt`` makes of the best recipe that it does not refuse, and what that was chosen from.
+
+        Raises
+        ------
+        GridTooLargeError
+            That of the smallest grid, if all are refused.
+        """
+        open_density = isinstance(self.density, str) and self.resolution is None
+        if not mesh.triangle_count or not (open_density or AUTO in (self.layout, self.skipping)):
+            return attempt(self._settled()), None
+        asked = self._question(device)
+        kinds = [(layout, skip) for layout in asked.layouts for skip in asked.skipping]
+        constants = calibrate.constants(device, kinds)
+        found = cost.candidates(cost.sample(mesh), asked, constants)
+        best, made = cost.first_that_fits(found, lambda one: attempt(self._recipe(one)))
+        return made, cost.Choice(tuple(found), best, self.rays, self.max_memory, constants)
+
+    def _settled(self) -> Recipe:
+        """The recipe where nothing is left to choose, or nothing depends on it."""
+        layout = cost.LAYOUTS[0] if self.layout == AUTO else self.layout
+        density = DEFAULT_DENSITY if isinstance(self.density, str) else self.density
+        skipping = self.skipping is True
+        return Recipe(layout, density, self.resolution, self.accuracy, self.max_memory, skipping)
+
+    def _recipe(self, one: cost.Candidate) -> Recipe:
+        return Recipe(one.layout, one.density, self.resolution, self.accuracy, self.max_memory, one.skipping)
+
+    def _question(self, device: Device) -> cost.Question:
+        return cost.Question(
+            layouts=cost.LAYOUTS if self.layout == AUTO else (self.layout,),
+            densities=cost.LADDER if isinstance(self.density, str) else (self.density,),
+            skipping=(False, True) if self.skipping == AUTO else (bool(self.skipping),),
+            resolution=self.resolution,
+            rays=self.rays,
+            max_memory=self.max_memory,
+            device_memory=device.description.global_memory,
+        )
