@@ -32,7 +32,7 @@ class Work:
     repetitions : int
         Times that build and render are timed, in turns, after one unmeasured turn.
     layout, density, resolution, accuracy, max_memory, skipping
-        As for ``clgrid.build``.
+        As for ``clgrid.build``, with a ray for each pixel.
     view : callable, optional
         Makes the camera for a scene and the picture's width over its height; by default that of
         ``clgrid.render``.
@@ -78,6 +78,19 @@ class Work:
             accuracy=self.accuracy,
             device=device,
             max_memory=self.max_memory,
+            skipping=self.skipping,
+            rays=self.width * self.height,
+        )
+
+    def warm_up(self, device: Device, aovs: Sequence[str] = (), *, smooth: bool = False) -> float:
+        """Compile what this work needs; the seconds it took."""
+        return warm_up(
+            device,
+            aovs,
+            smooth=smooth,
+            layout=self.layout,
+            density=self.density if self.resolution is None else 1.0,
+            accuracy=self.accuracy,
             skipping=self.skipping,
         )
 
@@ -163,9 +176,7 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     view = work.camera(scene)
     seen = Measurement(scene, load_s, device)
     smooth = scene.mesh.vertex_normals is not None
-    seen.first_compile_s.append(
-        warm_up(device, smooth=smooth, layout=work.layout, accuracy=work.accuracy, skipping=work.skipping)
-    )
+    seen.first_compile_s.append(work.warm_up(device, smooth=smooth))
 
     def draw(grid: Grid) -> Image:
         return render(scene, view, work.width, work.height, grid=grid)

@@ -285,9 +285,9 @@ class Question:
 
     Attributes
     ----------
-    layouts : tuple of str
+    kinds : tuple of (str, bool)
+        Layouts, each with or without skipping.
     densities : tuple of float
-    skipping : tuple of bool
     resolution : (int, int, int) or None
         Instead of the densities.
     rays : int
@@ -298,9 +298,8 @@ class Question:
         Bytes that the grid may have with what the build holds beside it.
     """
 
-    layouts: tuple[str, ...]
+    kinds: tuple[tuple[str, bool], ...]
     densities: tuple[float, ...]
-    skipping: tuple[bool, ...]
     resolution: tuple[int, int, int] | None
     rays: int
     max_memory: int | None
@@ -324,8 +323,7 @@ def candidates(
         _candidate(
             asked, constants[layout, skip], layout, density, skip, cells, leaping(work) if skip else work
         )
-        for layout in asked.layouts
-        for skip in asked.skipping
+        for layout, skip in asked.kinds
         for density, cells, work in grids
     ]
 

@@ -21,7 +21,7 @@ from clgrid.errors import InputError
 from clgrid.grid import Grid
 from clgrid.mesh import Mesh, used_vertices
 from clgrid.record import FrameMedians, FrameRow, FramesRecord
-from clgrid.renderer import render, warm_up
+from clgrid.renderer import render
 from clgrid.scene import Scene, up_axis
 
 Frames = npt.NDArray[np.float32]
@@ -157,7 +157,7 @@ def bench_frames(
         raise InputError(f"bench: {name} has no triangles, so no frame shows anything; give another mesh")
     pose = np.array(frames[0], order="C")
     mesh = Mesh(pose, loaded.mesh.faces, source=loaded.mesh.source)
-    first_compile_s = warm_up(device, layout=work.layout, accuracy=work.accuracy, skipping=work.skipping)
+    first_compile_s = work.warm_up(device)
     if work.view is not None:
         view = work.camera(loaded)
     else:

@@ -42,6 +42,16 @@ class Recipe:
         return plane_params(bounds, cells, part.count, part.first)
 
 
+def kinds(layout: str, skipping: bool | str) -> list[calibrate.Kind]:
+    """What the options may become: one layout with or without skipping, or with "auto" several."""
+    layouts = cost.LAYOUTS if layout == AUTO else (layout,)
+    return [
+        (each, skip)
+        for each in layouts
+        for skip in ((False, True) if skipping == AUTO else (skipping is True,))
+    ]
+
+
 @dataclass(frozen=True)
 class Options:
     """The options of ``build``, checked; those that are "auto" are still open.
@@ -89,8 +99,7 @@ class Options:
         if not mesh.triangle_count or not (open_density or AUTO in (self.layout, self.skipping)):
             return attempt(self._settled()), None
         asked = self._question(device)
-        kinds = [(layout, skip) for layout in asked.layouts for skip in asked.skipping]
-        constants = calibrate.constants(device, kinds)
+        constants = calibrate.constants(device, kinds(self.layout, self.skipping))
         found = cost.candidates(cost.sample(mesh), asked, constants)
         best, made = cost.first_that_fits(found, lambda one: attempt(self._recipe(one)))
         return made, cost.Choice(tuple(found), best, self.rays, self.max_memory, constants)
@@ -107,9 +116,8 @@ class Options:
 
     def _question(self, device: Device) -> cost.Question:
         return cost.Question(
-            layouts=cost.LAYOUTS if self.layout == AUTO else (self.layout,),
+            kinds=tuple(kinds(self.layout, self.skipping)),
             densities=cost.LADDER if isinstance(self.density, str) else (self.density,),
-            skipping=(False, True) if self.skipping == AUTO else (bool(self.skipping),),
             resolution=self.resolution,
             rays=self.rays,
             max_memory=self.max_memory,

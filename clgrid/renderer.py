@@ -22,6 +22,7 @@ from clgrid.image import NO_ID, Attribute, Image
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.program import kernel
+from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
 
 AOVS = ("depth", "normal", "id", "steps")
@@ -68,7 +69,8 @@ def render(
     progress : callable, optional
         Called with the share of rows done, from 0 to 1.
     **build_options
-        As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping.
+        As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping; ``rays``
+        is the number of pixels.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def render(
     mesh = scene.mesh if isinstance(scene, Scene) else scene
     _check(width, height, aovs, background)
     if grid is None:
-        grid = build(mesh, **build_options)
+        grid = build(mesh, **{"rays": width * height, **build_options})
     elif grid.mesh is not mesh or build_options:
         raise InputError("render: the grid is of another mesh or has build options beside it; give one")
     view = camera or default_camera(scene, width / height)
@@ -109,14 +111,24 @@ def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
     return options
 
 
-def warm_up(device: Device, aovs: Sequence[str] = (), *, smooth: bool = False, **build_options: Any) -> float:
-    """Compile what a build and a render need by drawing one triangle.
+def warm_up(
+    device: Device,
+    aovs: Sequence[str] = (),
+    *,
+    smooth: bool = False,
+    layout: str = "compact",
+    skipping: bool | str = False,
+    **build_options: Any,
+) -> float:
+    """Compile what a build and a render need by drawing one triangle, in every layout that may be chosen.
+
+    Where something is to be chosen, the device's constants are fitted too.
 
     Parameters
     ----------
     device : Device
         Where.
-    aovs, smooth, build_options
+    aovs, smooth, layout, skipping, build_options
         As the later render: ``smooth`` if its mesh has vertex normals.
 
     Returns
@@ -128,7 +140,10 @@ def warm_up(device: Device, aovs: Sequence[str] = (), *, smooth: bool = False, *
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
     normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)) if smooth else None
     triangle = Mesh(corners, np.array([[0, 1, 2]], np.uint32), vertex_normals=normals)
-    render(triangle, width=_TILE, height=_TILE, aovs=aovs, device=device, **build_options)
+    build(triangle, layout, device=device, skipping=skipping, **build_options)
+    for each, skip in kinds(layout, skipping):
+        options = {**build_options, "layout": each, "skipping": skip, "density": 1.0}
+        render(triangle, width=_TILE, height=_TILE, aovs=aovs, device=device, **options)
     return time.perf_counter() - start
 
 

@@ -194,7 +194,7 @@ def test_an_empty_mesh_is_an_empty_picture_with_a_warning(run, device):
         ["render", "cube", "-o", "a.png", "--layout", "octree"],
         ["render", "cube", "-o", "a.png", "--accuracy", "perfect"],
         ["render", "cube", "-o", "a.png", "--max-memory", "lots"],
-        ["render", "cube", "-o", "a.png", "--max-memory", "1k"],
+        ["render", "cube", "-o", "a.png", "--max-memory", "10"],
         ["render", "cube", "-o", "a.png", "--camera", "0"],
         ["render", "cube", "-o", "a.png", "--eye", "1,2"],
         ["render", "cube", "-o", "a.png", "--eye", "0,0,0"],

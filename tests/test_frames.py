@@ -122,12 +122,12 @@ def test_files_that_are_no_arrays_are_named(tmp_path, save):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_each_frame_is_built_and_drawn_as_a_mesh_of_its_own(device, save, layout):
     frames = swelling()
-    result = bench_frames("icosphere:2", save(frames), replace(SMALL, layout=layout), device)
+    result = bench_frames("icosphere:2", save(frames), replace(SMALL, layout=layout, density=4), device)
     view = Camera.framing(bounds_of_all(frames, BALL), aspect=24 / 16)
     assert [row.frame for row in result.rows] == [0, 1, 2]
     for row, vertices in zip(result.rows, frames, strict=True):
         mesh = Mesh(np.ascontiguousarray(vertices), BALL.faces)
-        grid = clgrid.build(mesh, layout=layout, device=device)
+        grid = clgrid.build(mesh, layout=layout, density=4, device=device)
         assert row.references == grid.stats.references
         assert row.resolution == grid.stats.resolution
         assert row.grid_bytes == grid.nbytes <= row.peak_bytes

@@ -81,7 +81,6 @@ def render(
     from clgrid.bench import Measurement, Work, load_timed
     from clgrid.device import choose
     from clgrid.renderer import render as draw
-    from clgrid.renderer import warm_up
 
     chosen = choose(device)
     work = Work(
@@ -103,10 +102,7 @@ def render(
         if loaded.mesh.triangle_count:
             _say(show, "compile")
             smooth = loaded.mesh.vertex_normals is not None
-            seconds = warm_up(
-                chosen, aovs, smooth=smooth, layout=layout, accuracy=accuracy, skipping=skipping
-            )
-            seen.first_compile_s.append(seconds)
+            seen.first_compile_s.append(work.warm_up(chosen, aovs, smooth=smooth))
         _say(show, "build")
         grid = seen.build(work)
         image = seen.render(
