@@ -8,19 +8,20 @@
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void insert_hashed(uint slab_shift, uint slabs, __global const ref_index *slab_starts,
                             __global ushort *binned_cells, __global const uint *binned_triangles,
-                            __global const ushort *offsets, __global const uint *table_starts,
+                            __global const ulong *domain, __global const ushort *offsets,
+                            __global const uint *table_starts,
                             __global ref_index *table, __global uint *references)
 {
     const uint slab = get_global_id(0);
     const ref_index begin = slab_starts[slab], end = slab_starts[slab + 1];
     const uint size = table_starts[slab + 1] - table_starts[slab];
     __global ref_index *slot = table + table_starts[slab];
-    __global const ushort *offset = offsets + ((slab << slab_shift) >> ROW_SHIFT);
+    const uint first_row = (slab << slab_shift) >> ROW_SHIFT;
     for (uint i = 0; i < size; ++i)
         slot[i] = 0;
     for (ref_index r = begin; r < end; ++r) {
-        const ushort cell = binned_cells[r];
-        const ushort at = (ushort)(offset[cell >> ROW_SHIFT] + (cell & (ROW_CELLS - 1)));
+        const uint row = first_row + (binned_cells[r] >> ROW_SHIFT), x = binned_cells[r] & (ROW_CELLS - 1);
+        const ushort at = (ushort)(offsets[row] + SLOT_IN_ROW(domain[row], x));
         binned_cells[r] = at;
         ++slot[at];
     }

@@ -47,8 +47,9 @@ List find_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
     List list = {0, 0};
 #if defined(LAYOUT_HASHED)
     const ulong row = domain[cell >> ROW_SHIFT];
-    if (row >> (cell & (ROW_CELLS - 1)) & 1ul) {
-        const uint within = (ushort)(offsets[cell >> ROW_SHIFT] + (cell & (ROW_CELLS - 1)));
+    const uint x = cell & (ROW_CELLS - 1);
+    if (row >> x & 1ul) {
+        const uint within = (ushort)(offsets[cell >> ROW_SHIFT] + SLOT_IN_ROW(row, x));
         const uint slot = table_starts[cell >> grid->slab_shift] + within;
         list.begin = table[slot];
         list.count = (uint)(table[slot + 1] - list.begin);

@@ -2,14 +2,12 @@
 // table of its own so that no two full cells share a slot: row displacement, first fit (Tarjan & Yao
 // 1979), rows with many full cells first, so that those with few fill the holes that are left.
 //   domain[row]           bit x: cell x of the row holds a reference
-//   offsets[row]          slot of cell x: (offset + x) mod 2^16, within the slab's table
+//   offsets[row]          slot of cell x within the slab's table: (offset + SLOT_IN_ROW) mod 2^16
 //   slots[slab]           size of the slab's table      full_cells[slab]    of them in use
 #include "config.h"
 
 // Words of the table that are searched for a row before it goes to the end: bounds the time.
-#define SEARCH_WORDS 128u
-// A row with more full cells than this has no holes worth a search.
-#define NEARLY_FULL 56u
+#define SEARCH_WORDS 512u
 
 // Starting slots within the word `at` where every cell of the mask finds a free slot.
 ulong open_slots(__local const ulong *used, uint at, ulong mask)
@@ -28,7 +26,7 @@ __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_in
                          __global const ushort *binned_cells, __global ulong *domain,
                          __global ushort *offsets, __global uint *slots, __global uint *full_cells)
 {
-    __local ulong used[MOST_SLAB_ROWS + 2];
+    __local ulong used[MOST_SLAB_ROWS + 3];
     __local ushort order[MOST_SLAB_ROWS];
     __local ushort of_count[ROW_CELLS + 2];
     const uint slab = get_global_id(0);
@@ -54,12 +52,21 @@ __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_in
     for (uint i = 0; i < rows; ++i)
         order[of_count[ROW_CELLS - (uint)popcount(word[i])]++] = (ushort)i;
 
-    uint full = 0, last = 0;       // last: words of the table in use
-    uint from = 0;                 // words before it have no free slot
-    uint highest = 0;              // slots in use
-    used[0] = used[1] = 0;
-    for (uint i = 0; i < rows; ++i) {
-        const uint row = order[i];
+    // Dense rows come first in order, and lie one after another.
+    uint at_row = 0, full = 0;
+    for (; at_row < rows && popcount(word[order[at_row]]) > DENSE_ROW; ++at_row) {
+        offset[order[at_row]] = (ushort)full;
+        full += (uint)popcount(word[order[at_row]]);
+    }
+    for (uint i = 0; i < full / 64u; ++i)
+        used[i] = ~0ul;
+    uint from = full / 64u;              // words before it have no free slot
+    uint last = (full + 63u) / 64u;      // words in use
+    uint highest = full;                 // slots in use
+    used[from] = (1ul << (full & 63u)) - 1ul;
+    used[from + 1] = used[from + 2] = 0;
+    for (; at_row < rows; ++at_row) {
+        const uint row = order[at_row];
         const ulong bits = word[row];
         const uint count = popcount(bits);
         if (count == 0) {
@@ -70,23 +77,26 @@ __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_in
         const ulong mask = bits >> lead;
         while (from < last && used[from] == ~0ul)
             ++from;
-        uint at = count > NEARLY_FULL ? last : from;
-        if (last > SEARCH_WORDS && at < last - SEARCH_WORDS && count > 1)
+        uint at = from;
+        if (count > 1 && last > from + SEARCH_WORDS)
             at = last - SEARCH_WORDS;
-        ulong open = open_slots(used, at, mask);
-        while (open == 0)
-            open = open_slots(used, ++at, mask);
+        ulong open = 0;
+        for (;; ++at) {
+            // Too few free slots are told sooner than that none of them fits.
+            if ((uint)popcount(~used[at]) + (uint)popcount(~used[at + 1]) >= count)
+                open = open_slots(used, at, mask);
+            if (open != 0)
+                break;
+        }
         const uint shift = popcount((open & -open) - 1);
         used[at] |= mask << shift;
         if (shift != 0)
             used[at + 1] |= mask >> (64u - shift);
-        // The word behind the last in use is kept clear for the search.
+        // Two words behind the last in use are kept clear for the search.
         const uint top = at * 64u + shift + 64u - (uint)clz(mask);
         highest = max(highest, top);
-        while (last < (highest + 63u) / 64u) {
-            ++last;
-            used[last + 1] = 0;
-        }
+        while (last < (highest + 63u) / 64u)
+            used[++last + 1] = 0;
         offset[row] = (ushort)(at * 64u + shift - lead);
         full += count;
     }

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from clgrid.grid import Grid
 from clgrid.layouts.planes import ROW_CELLS
 
+DENSE_ROW = 8
 Arrays = dict[str, npt.NDArray[np.unsignedinteger]]  # type: ignore[type-arg]
 
 
@@ -58,7 +59,10 @@ def hashed(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
         if not domain[cell]:
             found.append([])
             continue
-        within = (int(arrays["offsets"][cell // ROW_CELLS]) + cell % ROW_CELLS) % 2**16
+        x, row = cell % ROW_CELLS, int(arrays["domain"][cell // ROW_CELLS])
+        dense = row.bit_count() > DENSE_ROW
+        in_row = (row & ((1 << x) - 1)).bit_count() if dense else x
+        within = (int(arrays["offsets"][cell // ROW_CELLS]) + in_row) % 2**16
         slot = int(tables[cell // slab]) + within
         assert slot < int(tables[cell // slab + 1]), "a cell's slot is in its slab's table"
         assert slot not in taken, "no two cells share a slot"

@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import cell_lists
 import numpy as np
 import pytest
+import test_grid
 
 from clgrid import resolution
 from clgrid.layouts import planes
@@ -130,6 +132,8 @@ def constant(name: str) -> float:
 def test_python_and_kernels_share_their_constants() -> None:
     assert constant("BOX_PAD") == resolution.BOX_PAD
     assert constant("BRICK") == planes.BRICK
+    assert constant("DENSE_ROW") == cell_lists.DENSE_ROW
+    assert constant("CLIP_CELLS") == test_grid.CLIP_CELLS
     assert constant("ROW_SHIFT") == np.log2(planes.ROW_CELLS)
 
 

@@ -113,10 +113,10 @@ def test_bytes_are_those_of_the_formula_and_of_the_prediction(
 @pytest.mark.parametrize("layout", OTHERS)
 def test_memory_is_refused_with_the_number(layout: str, device: Device) -> None:
     ball = procedural.icosphere(4)
-    needed = build(ball, layout, device=device).nbytes
-    assert build(ball, layout, device=device, max_memory=needed).nbytes == needed
+    needed = build(ball, layout, 4, device=device).nbytes
+    assert build(ball, layout, 4, device=device, max_memory=needed).nbytes == needed
     with pytest.raises(GridTooLargeError, match=f"needs {needed:,} bytes, more than .* {needed - 1:,}"):
-        build(ball, layout, device=device, max_memory=needed - 1)
+        build(ball, layout, 4, device=device, max_memory=needed - 1)
 
 
 def digest(grid: Grid) -> str:
@@ -126,7 +126,7 @@ def digest(grid: Grid) -> str:
 @pytest.mark.parametrize("layout", OTHERS)
 def test_bytes_are_equal_on_every_device_and_in_every_run(layout: str, all_devices: list[Device]) -> None:
     mesh = procedural.make(MANY)
-    digests = {digest(build(mesh, layout, device=device)) for device in all_devices for _ in range(2)}
+    digests = {digest(build(mesh, layout, 4, device=device)) for device in all_devices for _ in range(2)}
     assert len(digests) == 1
 
 
@@ -134,14 +134,14 @@ def test_bytes_are_equal_on_every_device_and_in_every_run(layout: str, all_devic
 def test_positions_of_64_bits(layout: str, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, rng = procedural.icosphere(3), np.random.default_rng(4)
     rays = rng.uniform(-1, 1, (500, 3)), rng.normal(size=(500, 3))
-    narrow = build(mesh, layout, skipping=True, device=device)
+    narrow = build(mesh, layout, 4, skipping=True, device=device)
     monkeypatch.setattr(binning, "MOST_REFERENCES", narrow.stats.references - 1)
-    wide = build(mesh, layout, skipping=True, device=device)
+    wide = build(mesh, layout, 4, skipping=True, device=device)
     assert wide.parts[0].lists.wide
     assert not narrow.parts[0].lists.wide
     assert lists_of(wide) == lists_of(narrow)
     assert wide.nbytes > narrow.nbytes
-    assert predict(mesh, layout, skipping=True, device=device) == wide.stats.nbytes
+    assert predict(mesh, layout, 4, skipping=True, device=device) == wide.stats.nbytes
     assert_same_hits(wide.cast(*rays), narrow.cast(*rays))
 
 
@@ -169,11 +169,11 @@ def test_past_the_largest_buffer_of_the_device(
         np.concatenate([rng.normal(size=(700, 3)), inner]),
     )
     expected = clgrid.brute_force(mesh, *rays, device=device)
-    whole = build(mesh, layout, skipping=True, device=device)
+    whole = build(mesh, layout, 4, skipping=True, device=device)
     picture = clgrid.render(mesh, width=40, height=30, aovs=("depth", "normal", "id"), grid=whole)
     with monkeypatch.context() as patch:
         limit(patch, largest)
-        grid = build(mesh, layout, skipping=True, device=device)
+        grid = build(mesh, layout, 4, skipping=True, device=device)
     assert grid.stats.parts > 1
     assert all(size <= largest for part in grid.parts for size in part.lists.nbytes.values())
     assert sum(part.mesh.count for part in grid.parts) == mesh.triangle_count
@@ -203,13 +203,13 @@ def test_what_no_number_of_parts_makes_small_enough_is_refused(
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_update_gives_what_a_build_gives(layout: str, device: Device) -> None:
     ball, rng = procedural.icosphere(4), np.random.default_rng(6)
-    grid = build(ball, layout, skipping=True, device=device)
+    grid = build(ball, layout, 4, skipping=True, device=device)
     rays = rng.uniform(-1, 1, (300, 3)), rng.normal(size=(300, 3))
     for frame in range(6):
         wave = 1 + 0.05 * np.sin(5 * ball.vertices[:, :1] + frame)
         vertices = (ball.vertices * wave * np.float32(4.0**frame)).astype(np.float32)
         grid.update(vertices)
-        built = build(Mesh(vertices, ball.faces), layout, skipping=True, device=device)
+        built = build(Mesh(vertices, ball.faces), layout, 4, skipping=True, device=device)
         assert digest(grid) == digest(built)
         assert grid.stats.nbytes == built.stats.nbytes
         assert_same_hits(grid.cast(*rays), built.cast(*rays))

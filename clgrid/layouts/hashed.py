@@ -1,9 +1,11 @@
 """The hashed grid (Lagae & Dutré 2008): a bit per cell, and lists found through a perfect hash.
 
 Rows of 64 consecutive cells are overlaid in a table so that no two full cells share a slot (row
-displacement, first fit). Each slab of the build packs its rows in a table of its own, which is what makes
-the build parallel, keeps an offset in 16 bits, and bounds the search; the tables then lie one after
-another. A slot's list ends where the next slot's begins.
+displacement, first fit). A row of fixed length in the order of cells makes the table of offsets as small as
+any axis would, whatever the resolution. Rows with many full cells would leave holes and collapse the search
+(walls of interiors): their full cells alone are stored, one after another. Each slab of the build packs its
+rows in a table of its own, which is what makes the build parallel, keeps an offset in 16 bits, and bounds
+the search; the tables then lie one after another. A slot's list ends where the next slot's begins.
 """
 
 from __future__ import annotations
@@ -80,8 +82,8 @@ def finish(work: Work, binned: Binned) -> CellLists:
         table, references = allocator.buffer(sizes["table"]), allocator.buffer(sizes["references"])
         work.run(
             "insert_hashed", work.slabs, np.uint32(work.slab_shift), np.uint32(work.slabs),
-            binned.slab_starts, binned.cells, binned.triangles, placed.offsets, table_starts,
-            table, references,
+            binned.slab_starts, binned.cells, binned.triangles, placed.domain, placed.offsets,
+            table_starts, table, references,
         )  # fmt: skip
     allocator.release(binned.slab_starts, binned.cells, binned.triangles)
     buffers = (placed.domain, placed.offsets, table_starts, table, references)
