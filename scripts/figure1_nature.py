@@ -17,7 +17,7 @@ Soup = tuple[Points, Faces]
 SEED = 2008
 _CLUSTERS = 24
 # Longest side of a copy over the side of the terrain: smallest and largest.
-_SIZES = (0.002, 0.02)
+_SIZES = (0.02, 0.2)
 _FACE = np.dtype([("corners", "u1"), ("indices", "<i4", (3,))])
 _CHUNK = 1 << 20
 
