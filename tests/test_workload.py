@@ -31,7 +31,7 @@ from clgrid.wavefront import (
 )
 from clgrid.workload import Survey, bench_workload, bench_workloads, bit_rows, broken_promises, even_parts
 
-SMALL = Work(width=24, height=16, repetitions=2)
+SMALL = Work(width=24, height=16, repetitions=2, density=4.0)
 
 
 def all_batches(mesh: Mesh, device: object, workload: Workload, view: Camera | None = None) -> list[Batch]:
@@ -253,7 +253,7 @@ def test_random_rays_are_sound_for_meshes_that_strain(device, name):
 def test_steps_per_ray_are_the_means_of_what_the_casts_count(device, name, skipping):
     work, workload = replace(SMALL, skipping=skipping), Workload(name, bounces=2)
     row = bench_workload("terrain:24", workload, work, device)
-    grid = clgrid.build(terrain(24), skipping=skipping, device=device)
+    grid = clgrid.build(terrain(24), density=4.0, skipping=skipping, device=device)
     counted: dict[str, list[int]] = {}
     for batch in all_batches(grid.mesh, device, workload):
         hits = grid.cast(batch.origins, batch.directions, t_max=batch.t_max, fields=("steps",))
