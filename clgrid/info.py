@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from clgrid import record
+from clgrid.cost import DEFAULT_RAYS, Choice
+from clgrid.device import Device
 from clgrid.frame import LocalFrame
+from clgrid.grid import predict_choice
+from clgrid.layouts import programs
+from clgrid.layouts.lists import list_defines
 from clgrid.mesh import Mesh
-from clgrid.record import InfoRecord
+from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
 from clgrid.renderer import AOVS, kernel_options
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
 from clgrid.scene import Scene, gltf_cameras
-
-BUILD_PROGRAMS = ("count_references.cl", "scan_slabs.cl", "bin_references.cl", "insert_references.cl")
 
 _CHUNK = 1 << 20
 
@@ -22,14 +26,14 @@ def info(
     density: float | str = "auto",
     resolution: tuple[int, int, int] | None = None,
 ) -> InfoRecord:
-    """Describe a scene and the grid it would get.
+    """Describe a scene and the grid it would get, without touching a device.
 
     Parameters
     ----------
     scene : Scene
         As loaded.
     density, resolution
-        As for ``clgrid.build``.
+        As for ``clgrid.build``; since "auto" depends on the device, the paper's density stands for it.
 
     Raises
     ------
@@ -72,13 +76,99 @@ def info(
     )
 
 
-def variants(mesh: Mesh) -> tuple[str, ...]:
+def explain(
+    scene: Scene,
+    device: Device,
+    layout: str = "compact",
+    density: float | str = "auto",
+    resolution: tuple[int, int, int] | None = None,
+    max_memory: int | None = None,
+    skipping: bool | str = False,
+    rays: int = DEFAULT_RAYS,
+) -> InfoRecord:
+    """Describe a scene and the grid it would get on a device: chosen among which, and its exact bytes.
+
+    Parameters
+    ----------
+    scene : Scene
+        As loaded.
+    device : Device
+        Where references are counted, and for which constants are fitted if there are none.
+    layout, density, resolution, max_memory, skipping, rays
+        As for ``clgrid.build``.
+
+    Raises
+    ------
+    InputError, GridTooLargeError, DeviceError
+        As ``clgrid.build``.
+    """
+    nbytes, choice = predict_choice(
+        scene.mesh, layout, density, resolution, device, max_memory, skipping, rays
+    )
+    if choice is not None:
+        layout, skipping = choice.chosen.layout, choice.chosen.skipping
+        density = choice.chosen.density
+    found = info(scene, density, resolution)
+    explained = ExplainRecord(
+        device=record.describe_device(device),
+        rays=rays,
+        max_memory=max_memory,
+        layout=layout,
+        skipping=bool(skipping),
+        nbytes=nbytes,
+        candidates=[] if choice is None else _candidates(choice),
+        constants=[] if choice is None else _constants(choice),
+    )
+    compiled = variants(scene.mesh, layout, skipping=bool(skipping))
+    return msgspec.structs.replace(found, compiled=compiled, explained=explained)
+
+
+def _candidates(choice: Choice) -> list[CandidateRecord]:
+    return [
+        CandidateRecord(
+            layout=one.layout,
+            skipping=one.skipping,
+            density=one.density,
+            resolution=one.resolution,
+            cells=round(one.work.cells),
+            references=round(one.work.references),
+            full_cells=round(one.work.full_cells),
+            nbytes=one.nbytes,
+            steps=one.work.steps,
+            tests=one.work.tests,
+            build_s=one.build_s,
+            cast_s=one.cast_s,
+            fits=one.fits,
+            chosen=one is choice.chosen,
+        )
+        for one in choice.candidates
+    ]
+
+
+def _constants(choice: Choice) -> list[ConstantsRecord]:
+    return [
+        ConstantsRecord(
+            layout=layout,
+            skipping=skipping,
+            build=dict(zip(("fixed", "triangle", "reference", "cell"), seconds.build, strict=True)),
+            cast=dict(zip(("ray", "step", "test"), seconds.cast, strict=True)),
+            source=seconds.source,
+        )
+        for (layout, skipping), seconds in choice.constants.items()
+    ]
+
+
+def variants(mesh: Mesh, layout: str = "compact", *, skipping: bool = False) -> tuple[str, ...]:
     """List the programs that building and rendering this mesh compiles, with their options.
 
     A picture with fewer AOVs, or none, is a variant of render.cl with fewer options.
     """
-    options = (f"-D{key}={value}" for key, value in sorted(kernel_options(mesh, AOVS).items()))
-    return (*BUILD_PROGRAMS, " ".join(("render.cl", *options)))
+    walk = {**list_defines(layout, wide=False), **({"SKIP_EMPTY": 1} if skipping else {})}
+    options = sorted({**kernel_options(mesh, AOVS), **walk}.items())
+    return (
+        *programs(layout, skip=skipping),
+        " ".join(("render.cl", *(f"-D{key}={value}" for key, value in options))),
+    )
 
 
 def degenerate_count(mesh: Mesh, frame: LocalFrame) -> int:

@@ -280,8 +280,87 @@ class RenderRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=True
     save_s: dict[str, float]
 
 
+class CandidateRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A grid that could be built, and what it is estimated to take: seconds, bytes.
+
+    Attributes
+    ----------
+    density : float
+        Cells per triangle, as asked for.
+    full_cells : int
+        Cells with a triangle.
+    steps, tests : float
+        Of a ray, by mean: cells looked at and triangles tested.
+    build_s, cast_s : float
+        Of the build, and of all rays.
+    fits : bool
+        Whether it keeps to the memory allowed.
+    chosen : bool
+    """
+
+    layout: str
+    skipping: bool
+    density: float
+    resolution: tuple[int, int, int]
+    cells: int
+    references: int
+    full_cells: int
+    nbytes: int
+    steps: float
+    tests: float
+    build_s: float
+    cast_s: float
+    fits: bool
+    chosen: bool
+
+
+class ConstantsRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Seconds of the device for one layout, with or without skipping.
+
+    Attributes
+    ----------
+    build : dict of str to float
+        ``fixed``, ``triangle``, ``reference``, ``cell``.
+    cast : dict of str to float
+        ``ray``, ``step``, ``test``.
+    source : str
+        Where they come from.
+    """
+
+    layout: str
+    skipping: bool
+    build: dict[str, float]
+    cast: dict[str, float]
+    source: str
+
+
+class ExplainRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a grid would be on a device, and why.
+
+    Attributes
+    ----------
+    rays : int
+        For which it is chosen.
+    max_memory : int or None
+        Bytes that the finished grid may have.
+    nbytes : dict of str to int
+        Of the grid by array, exactly.
+    candidates, constants
+        Empty where nothing was left to choose.
+    """
+
+    device: DeviceRecord
+    rays: int
+    max_memory: int | None
+    layout: str
+    skipping: bool
+    nbytes: dict[str, int]
+    candidates: list[CandidateRecord]
+    constants: list[ConstantsRecord]
+
+
 class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``clgrid info --json``: what is known of a scene without building a grid.
+    """``clgrid info --json``: what is known of a scene and, with ``--explain``, of its grid on a device.
 
     Attributes
     ----------
@@ -295,12 +374,16 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         ``local = (scene - offset) * 2**-exponent``.
     max_rounding : float
         The largest change of a coordinate by its one rounding to local float32, scene units.
+    density : float
+        Cells per triangle; where it is "auto", what was chosen, or without ``--explain`` the paper's 4.
     resolution : (int, int, int) or None
         What ``density`` asks for.
     cell_bytes : int
         Bytes of the list starts, exactly. Each reference adds 4; how many there are, the build counts.
     compiled
         Kernel variants that building and rendering this scene compiles.
+    explained : ExplainRecord or None
+        Only with ``--explain``.
     """
 
     schema: str
@@ -325,6 +408,7 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     cell_bytes: int
     compiled: tuple[str, ...]
     warnings: tuple[str, ...]
+    explained: ExplainRecord | None = None
 
 
 def schema(verb: str) -> str:

@@ -1,38 +1,84 @@
-"""``clgrid info``: what a scene holds and what its grid would be."""
+"""``clgrid info``: what a scene holds, what its grid would be, and why."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from clgrid.cli import options, output
+from clgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from clgrid.record import InfoRecord
+    from rich.table import Table
+
+    from clgrid.record import ExplainRecord, InfoRecord
+
+_DEFAULT_LAYOUT = "compact"
+
+Explain = Annotated[
+    bool,
+    typer.Option(
+        "--explain",
+        help="Say which grid the device would get and why: what it was chosen among, its exact bytes.",
+        rich_help_panel=options.GRID,
+    ),
+]
 
 
 def info(
     scene: options.SceneName,
+    explain: Explain = False,
+    layout: options.Layout = _DEFAULT_LAYOUT,
     density: options.Density = "auto",
     resolution: options.Resolution = "",
+    rays: options.Rays = None,
+    device: options.DeviceName = None,
+    max_memory: options.MaxMemory = "",
+    skipping: options.Skipping = False,
     json: options.Json = False,
 ) -> None:
     """Describe a scene and the grid it would get, without building one."""
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
+    memory = options.parse_bytes(max_memory)
+    given = {
+        "--layout": layout != _DEFAULT_LAYOUT,
+        "--rays": rays is not None,
+        "--device": device is not None,
+        "--max-memory": memory is not None,
+        "--skipping": skipping,
+    }
+    unread = [name for name, there in given.items() if there and not explain]
+    if unread:
+        raise InputError(f"info: {unread[0]} matters with --explain alone; give that too")
 
     from clgrid import record
+    from clgrid.info import explain as describe_on
     from clgrid.info import info as describe
     from clgrid.scene import load_scene
 
     loaded = load_scene(scene)
-    found = describe(loaded, cells_per_triangle, cells)
+    if explain:
+        from clgrid.cost import DEFAULT_RAYS
+        from clgrid.device import choose
+
+        wanted = DEFAULT_RAYS if rays is None else rays
+        found = describe_on(
+            loaded, choose(device), layout, cells_per_triangle, cells, memory, skipping, wanted
+        )
+    else:
+        found = describe(loaded, cells_per_triangle, cells)
     if json:
         output.emit(record.encode(found))
         return
-    output.emit_pairs(_lines(found))
+    auto = isinstance(cells_per_triangle, str) and cells is None
+    output.emit_pairs(_lines(found, auto=auto))
+    if found.explained is not None and found.explained.candidates:
+        output.emit_table(_table(found.explained))
     output.warn(found.warnings, quiet=False)
 
 
-def _lines(found: InfoRecord) -> list[tuple[str, str]]:
+def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
     lines = [
         ("scene", found.source),
         ("triangles", f"{found.triangles:,}"),
@@ -49,13 +95,64 @@ def _lines(found: InfoRecord) -> list[tuple[str, str]]:
             ("bounds", f"({low}) to ({high})"),
             ("degenerate", f"{found.degenerate:,} triangles without area"),
             ("local frame", f"offset ({offset}), scale 2^{-found.frame_exponent}, {rounding}"),
-            (
-                "grid",
-                f"{'x'.join(map(str, found.resolution))} = {found.cells:,} cells"
-                f" at density {found.density:g}: {output.size(found.cell_bytes)}, and 4 bytes a reference",
-            ),
+            ("grid", _grid(found, auto=auto)),
         ]
-    return [*lines, ("kernels", "\n".join(found.compiled))]
+    explained = [] if found.explained is None else _reasons(found.explained)
+    return [*lines, ("kernels", "\n".join(found.compiled)), *explained]
+
+
+def _grid(found: InfoRecord, *, auto: bool) -> str:
+    cells = "x".join(map(str, found.resolution or ()))
+    at = f"{cells} = {found.cells:,} cells at density {found.density:g}"
+    if found.explained is None:
+        open_choice = ", the paper's; auto depends on the device, see --explain" if auto else ""
+        return f"{at}{open_choice}: {output.size(found.cell_bytes)}, and 4 bytes a reference"
+    arrays = ", ".join(f"{name} {count:,}" for name, count in found.explained.nbytes.items())
+    skipping = ", skipping" * found.explained.skipping
+    return (
+        f"{at}, {found.explained.layout}{skipping}: {sum(found.explained.nbytes.values()):,} bytes ({arrays})"
+    )
+
+
+def _reasons(explained: ExplainRecord) -> list[tuple[str, str]]:
+    bound = "" if explained.max_memory is None else f", of at most {output.size(explained.max_memory)}"
+    lines = [("device", f"{explained.device.name}, driver {explained.device.driver}")]
+    if not explained.candidates:
+        return [*lines, ("chosen", "nothing: the options leave one grid")]
+    lines.append(("chosen", f"for {explained.rays:,} rays: the least build + cast{bound}"))
+    for one in explained.constants:
+        seconds = ", ".join(
+            f"{output.seconds(value)} fixed" if name == "fixed" else f"{1e9 * value:.3g} ns a {name}"
+            for name, value in {**one.build, **one.cast}.items()
+        )
+        lines.append((f"{one.layout}{'*' * one.skipping}", f"{seconds}; {one.source}"))
+    return lines
+
+
+def _table(explained: ExplainRecord) -> Table:
+    from rich.table import Table
+
+    starred = any(one.skipping for one in explained.candidates)
+    title = "estimates" + "; * leaps over empty space" * starred
+    table = Table(title=title, title_justify="left", pad_edge=False)
+    table.add_column("layout", no_wrap=True)
+    for name in ("density", "cells", "references", "bytes", "build", "cast", "sum"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for one in explained.candidates:
+        table.add_row(
+            f"{one.layout}{'*' * one.skipping}",
+            f"{one.density:g}",
+            f"{one.cells:,}",
+            f"{one.references:,}",
+            output.size(one.nbytes),
+            output.seconds(one.build_s),
+            output.seconds(one.cast_s),
+            output.seconds(one.build_s + one.cast_s),
+            "chosen" if one.chosen else "" if one.fits else "too large",
+            style="bold" if one.chosen else None,
+        )
+    return table
 
 
 def _listed(names: tuple[str, ...]) -> str:

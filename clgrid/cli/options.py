@@ -58,6 +58,10 @@ Skipping = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+Rays = Annotated[
+    int | None,
+    typer.Option(min=0, help="How many rays the grid is for. Default: 1048576.", rich_help_panel=GRID),
+]
 Size = Annotated[str, typer.Option(metavar="WxH", help="Pixels.", rich_help_panel=PICTURE)]
 Json = Annotated[
     bool, typer.Option("--json", help="Write one JSON document to stdout.", rich_help_panel=OUTPUT)
