@@ -159,8 +159,9 @@ class Allocator:
         limit = largest_buffer(self._device)
         if array.nbytes > limit:
             raise BufferTooLargeError(f"an array of {array.nbytes:,} bytes exceeds the device's {limit:,}")
-        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-        return cl.Buffer(self._device.context, flags, hostbuf=array)
+        # Read-only buffers are copied by Intel's runtime unless they start at a page; no kernel writes these.
+        access = cl.mem_flags.READ_WRITE if array.flags.writeable else cl.mem_flags.READ_ONLY
+        return cl.Buffer(self._device.context, access | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
 
     def results(self, array: npt.NDArray[Any]) -> Any:
         """A buffer over the C-contiguous host array, for a kernel to write; see ``bring_home``.
