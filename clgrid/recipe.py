@@ -98,11 +98,21 @@ class Options:
         open_density = isinstance(self.density, str) and self.resolution is None
         if not mesh.triangle_count or not (open_density or AUTO in (self.layout, self.skipping)):
             return attempt(self._settled()), None
-        asked = self._question(device)
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
-        found = cost.candidates(cost.sample(mesh), asked, constants)
+        found = self.candidates(mesh, device)
         best, made = cost.first_that_fits(found, lambda one: attempt(self._recipe(one)))
         return made, cost.Choice(tuple(found), best, self.rays, self.max_memory, constants)
+
+    def candidates(self, mesh: Mesh, device: Device) -> list[cost.Candidate]:
+        """What the options may become on a mesh that has triangles, with estimates.
+
+        Raises
+        ------
+        InputError, GridTooLargeError
+            As ``cost.candidates``.
+        """
+        constants = calibrate.constants(device, kinds(self.layout, self.skipping))
+        return cost.candidates(cost.sample(mesh), self._question(device), constants)
 
     def _settled(self) -> Recipe:
         """The recipe where nothing is left to choose, or nothing depends on it."""
