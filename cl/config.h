@@ -26,9 +26,11 @@ typedef uint ref_index;
 // A row with more full cells than this would leave holes that no other row fits, and take long to place: its
 // full cells alone get slots, one after another, and a cell's slot is the number of full cells before it.
 #define DENSE_ROW 8u
-// Slot of a full cell x of a row, counted from the row's offset (mod 2^16).
-#define SLOT_IN_ROW(row, x)                                                                      \
-    (popcount(row) > DENSE_ROW ? (uint)popcount((row) & ((1ul << (x)) - 1ul)) : (uint)(x))
+// Slot of a full cell x of a row, counted from the row's offset (mod 2^16): both kinds are computed, since
+// which of them it is cannot be foretold by a branch.
+#define SLOT_IN_ROW(row, x)                                                                       \
+    select((uint)(x), (uint)popcount((row) & ((1ul << (x)) - 1ul)),                               \
+           (uint)-(int)((uint)popcount(row) > DENSE_ROW))
 // A slab of the build has at most 2^16 cells, so that a cell or slot within it is a ushort.
 #define MOST_SLAB_ROWS 1024u
 
