@@ -13,6 +13,7 @@ from clgrid.grid import predict_choice
 from clgrid.layouts import programs
 from clgrid.layouts.lists import list_defines
 from clgrid.mesh import Mesh
+from clgrid.recipe import kinds
 from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
 from clgrid.renderer import AOVS, kernel_options
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
@@ -105,21 +106,22 @@ def explain(
     nbytes, choice = predict_choice(
         scene.mesh, layout, density, resolution, device, max_memory, skipping, rays
     )
-    if choice is not None:
-        layout, skipping = choice.chosen.layout, choice.chosen.skipping
-        density = choice.chosen.density
+    if choice is None:
+        layout, skips = kinds(layout, skipping)[0]
+    else:
+        layout, skips, density = choice.chosen.layout, choice.chosen.skipping, choice.chosen.density
     found = info(scene, density, resolution)
     explained = ExplainRecord(
         device=record.describe_device(device),
         rays=rays,
         max_memory=max_memory,
         layout=layout,
-        skipping=bool(skipping),
+        skipping=skips,
         nbytes=nbytes,
         candidates=[] if choice is None else _candidates(choice),
         constants=[] if choice is None else _constants(choice),
     )
-    compiled = variants(scene.mesh, layout, skipping=bool(skipping))
+    compiled = variants(scene.mesh, layout, skipping=skips)
     return msgspec.structs.replace(found, compiled=compiled, explained=explained)
 
 

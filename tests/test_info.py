@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from clgrid.frame import LocalFrame
 from clgrid.grid import build
-from clgrid.info import degenerate_count, info, variants
+from clgrid.info import degenerate_count, explain, info, variants
+from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere
 from clgrid.program import builds
@@ -15,7 +19,7 @@ from clgrid.scene import Scene, load_scene
 
 
 def test_info_predicts_the_grid_that_is_built(device):
-    for options in ({}, {"density": 0.5}, {"resolution": (3, 4, 5)}):
+    for options in ({"density": 4}, {"density": 0.5}, {"resolution": (3, 4, 5)}):
         scene = load_scene("icosphere:3")
         found = info(scene, **options)
         grid = build(scene.mesh, device=device, **options)
@@ -24,11 +28,114 @@ def test_info_predicts_the_grid_that_is_built(device):
         assert found.cell_bytes == grid.stats.nbytes["cells"]
 
 
-def test_info_names_the_programs_that_are_compiled(device):
+def test_without_a_device_auto_stands_for_the_density_of_the_paper():
+    assert info(load_scene("icosphere:3")) == info(load_scene("icosphere:3"), 4)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("skipping", [False, True])
+def test_info_names_the_programs_that_are_compiled(device, layout, skipping):
     mesh = cube()
-    render(mesh, None, 8, 8, AOVS, device=device)
+    render(mesh, None, 8, 8, AOVS, layout=layout, skipping=skipping, density=4, device=device)
     compiled = {" ".join((built.file, *built.options)) for built in builds(device)}
-    assert set(variants(mesh)) <= compiled
+    assert set(variants(mesh, layout, skipping=skipping)) <= compiled
+
+
+def test_explain_describes_the_grid_that_is_built(device):
+    scene = load_scene("icosphere:4")
+    for options in (
+        {},
+        {"layout": "auto", "skipping": "auto", "rays": 10**8},
+        {"layout": "hashed", "rays": 0},
+        {"layout": "auto", "max_memory": 60_000},
+        {"layout": "auto", "resolution": (3, 4, 5)},
+        {"density": 4, "layout": "linked-list"},
+    ):
+        found = explain(scene, device, **options)
+        grid = build(scene.mesh, device=device, **options)
+        explained = found.explained
+        assert (explained.layout, explained.skipping) == (grid.layout, grid.skipping)
+        assert found.resolution == grid.stats.resolution
+        assert explained.nbytes == grid.stats.nbytes
+        assert found.density == grid.recipe.density
+        assert explained.device.name == device.name
+        if grid.choice is None:
+            assert explained.candidates == explained.constants == []
+        else:
+            assert len(explained.candidates) == len(grid.choice.candidates)
+            (chosen,) = (one for one in explained.candidates if one.chosen)
+            assert (chosen.layout, chosen.resolution) == (grid.layout, grid.stats.resolution)
+            assert {(one.layout, one.skipping) for one in explained.constants} == set(grid.choice.constants)
+        assert decode(encode(found), InfoRecord) == found
+
+
+def test_explain_of_nothing(device, tmp_path):
+    (tmp_path / "empty.off").write_text("OFF\n0 0 0\n")
+    found = explain(load_scene(tmp_path / "empty.off"), device, "auto")
+    assert found.explained.nbytes == {}
+    assert found.explained.candidates == []
+    assert decode(encode(found), InfoRecord) == found
+
+
+def run(*words):
+    """Exit code, stdout and stderr of the command."""
+    done = subprocess.run([sys.executable, "-m", "clgrid", *words], capture_output=True, text=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_info_touches_no_device(monkeypatch):
+    code = (
+        "import sys\n"
+        "from clgrid.cli import main\n"
+        "main(['info', 'cube'])\n"
+        "assert 'pyopencl' not in sys.modules, 'pyopencl was imported'"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "paper's; auto depends on the device" in done.stdout
+
+
+def test_info_explain_in_words_and_in_json(device):
+    words = (
+        "info",
+        "icosphere:4",
+        "--explain",
+        "--layout",
+        "auto",
+        "--rays",
+        "1000",
+        "--device",
+        device.label,
+    )
+    code, text, _ = run(*words)
+    assert code == 0
+    for word in ("for 1,000 rays", "fitted on", "ns a step", "chosen", "compact", "hashed", "0.25", "16"):
+        assert word in text
+    code, text, _ = run(*words, "--json")
+    found = decode(text, InfoRecord)
+    assert code == 0
+    assert sum(one.chosen for one in found.explained.candidates) == 1
+    code, text, _ = run(*words, "--density", "4", "--layout", "compact")
+    assert code == 0
+    assert "the options leave one grid" in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--rays", "5"],
+        ["--layout", "hashed"],
+        ["--max-memory", "5G"],
+        ["--device", "0"],
+        ["--skipping"],
+        ["--explain", "--max-memory", "10"],
+    ],
+)
+def test_options_without_effect_and_impossible_bounds_are_one_line(words):
+    code, out, err = run("info", "icosphere:3", *words)
+    assert (code, out) == (1, "")
+    assert len(err.splitlines()) == 1
+    assert "--explain" in err or "more than the limit given" in err
 
 
 def test_far_meshes_report_their_one_rounding():
