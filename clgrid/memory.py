@@ -110,7 +110,7 @@ class Allocator:
                 buffer = cl.Buffer(self._device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
             else:
                 buffer = cl.Buffer(self._device.context, flags, size)
-        except (cl.MemoryError, cl.LogicError) as error:
+        except (cl.MemoryError, cl.LogicError, MemoryError) as error:
             held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
             raise GridTooLargeError(f"the device has no room for {held} ({error}); {_ADVICE}") from error
         self.allocations += 1

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,3 +42,14 @@ def test_the_five_lines_of_the_readme_work(tmp_path):
     image = clgrid.render(mesh, width=16, height=16, grid=grid)
     image.save(tmp_path / "a.png")
     assert clgrid.read_image(tmp_path / "a.png").width == 16
+
+
+def test_the_wheel_holds_every_package() -> None:
+    """An editable install works without this list; a wheel does not."""
+    root = Path(__file__).resolve().parent.parent
+    folders = {path.parent.relative_to(root) for path in root.glob("clgrid/**/__init__.py")}
+    text = (root / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^packages = \[(.+)\]$", text, re.MULTILINE)
+    assert listed is not None
+    names = {".".join(folder.parts) for folder in folders}
+    assert set(re.findall(r'"([\w.]+)"', listed[1])) == names | {"clgrid.cl"}
