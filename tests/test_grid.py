@@ -215,13 +215,13 @@ def test_an_empty_mesh_has_an_empty_grid(device: Device) -> None:
 
 def test_memory_is_predicted_and_refused_with_the_number(device: Device) -> None:
     ball = procedural.icosphere(4)
-    needed = build(ball, device=device).nbytes
-    assert build(ball, device=device, max_memory=needed).nbytes == needed
+    needed = build(ball, density=4, device=device).nbytes
+    assert build(ball, density=4, device=device, max_memory=needed).nbytes == needed
     with pytest.raises(GridTooLargeError, match=f"needs {needed:,} bytes, more than .* {needed - 1:,}"):
-        build(ball, device=device, max_memory=needed - 1)
+        build(ball, density=4, device=device, max_memory=needed - 1)
     # Cells alone are refused before anything is counted.
     with pytest.raises(GridTooLargeError, match="a grid of 500x500x500 cells needs 500,000,004 bytes"):
-        build(ball, device=device, resolution=(500, 500, 500), max_memory=10**8)
+        build(ball, density=4, device=device, resolution=(500, 500, 500), max_memory=10**8)
 
 
 def test_what_the_device_cannot_hold_is_refused(device: Device) -> None:
@@ -366,7 +366,7 @@ def test_peak_is_at_most_three_grids(name: str, device: Device) -> None:
 
 def test_the_dragon_has_the_published_size(device: Device) -> None:
     """Lagae and Dutré, Figure 1: 21.9 MB for 871,414 triangles at four cells a triangle, in binary units."""
-    grid = build(clgrid.load(scene("scans/dragon_vrip.ply.gz")), device=device)
+    grid = build(clgrid.load(scene("scans/dragon_vrip.ply.gz")), density=4, device=device)
     assert grid.stats.triangles == 871_414
     assert grid.nbytes / 2**20 == pytest.approx(21.9, rel=0.05)
     assert grid.peak_nbytes <= 3 * grid.nbytes
