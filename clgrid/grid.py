@@ -137,6 +137,7 @@ class Grid:
                 self.upload_s = self.upload_s or time.perf_counter() - start
                 for part in mesh_parts:
                     self.parts.append(self._build_part(part))
+                    self._allocator.finished = self.nbytes
                 return
             except BufferTooLargeError:
                 self._give_back()
@@ -162,6 +163,7 @@ class Grid:
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []
+        self._allocator.start_again()
 
     def update(self, vertices: FloatArray) -> None:
         """Rebuild the grid in place for moved vertices, on the device, allocating only what grew.

@@ -42,6 +42,8 @@ class Allocator:
         Whether released buffers are kept for the next that fits them. A rebuild then allocates nothing.
     allocations : int
         Buffers made so far.
+    finished : int
+        Bytes of finished structures, which further ones are checked together with.
     """
 
     def __init__(self, device: Device, max_bytes: int | None = None) -> None:
@@ -52,6 +54,7 @@ class Allocator:
         self.peak_nbytes = 0
         self.recycles = False
         self.allocations = 0
+        self.finished = 0
 
     def check(self, nbytes: int, what: str, largest: int | None = None, transient: int = 0) -> None:
         """Raise if a structure of so many bytes may not or cannot be.
@@ -77,8 +80,8 @@ class Allocator:
         largest = nbytes if largest is None else largest
         memory = int(self._device.cl_device.global_mem_size)
         for need, limit, name, kind in (
-            (nbytes, self._max_bytes, "the limit given (max_memory)", GridTooLargeError),
-            (nbytes + transient, memory, "the device's memory", GridTooLargeError),
+            (nbytes + self.finished, self._max_bytes, "the limit given (max_memory)", GridTooLargeError),
+            (nbytes + self.finished + transient, memory, "the device's memory", GridTooLargeError),
             (largest, largest_buffer(self._device), "the device's largest allocation", BufferTooLargeError),
         ):
             if limit is not None and need > limit:
@@ -210,9 +213,7 @@ class Allocator:
             self.in_use -= buffer.size
             buffer.release()
 
-    def release_spare(self) -> None:
-        """Give back what is kept for later."""
-        spare, self._spare = self._spare, []
-        for buffer in spare:
-            self.in_use -= buffer.size
-            buffer.release()
+    def start_again(self) -> None:
+        """Forget what an abandoned build had in use: it goes with the build's own variables."""
+        self.in_use = sum(buffer.size for buffer in self._spare)
+        self.finished = 0

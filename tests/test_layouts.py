@@ -190,6 +190,17 @@ def test_past_the_largest_buffer_of_the_device(
     assert_same_hits(grid.cast(rays[0] * 0.5, rays[1] * 0.5), expected)
 
 
+def test_the_limit_is_for_all_parts_together(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = procedural.icosphere(4)
+    limit(monkeypatch, 25_000)
+    grid = build(mesh, density=4, device=device)
+    assert grid.stats.parts > 1
+    assert grid.nbytes <= grid.peak_nbytes < 3 * grid.nbytes
+    assert build(mesh, density=4, device=device, max_memory=grid.nbytes).nbytes == grid.nbytes
+    with pytest.raises(GridTooLargeError, match=f"needs {grid.nbytes:,} bytes, more than .*max_memory"):
+        build(mesh, density=4, device=device, max_memory=grid.nbytes - 1)
+
+
 def test_what_no_number_of_parts_makes_small_enough_is_refused(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
