@@ -1,6 +1,6 @@
 // Closest hit of rays given as arrays (rays_in_out.h). One work-item casts a chunk of rays.
 //   invalid[chunk]        rays of the chunk that have no direction or are not finite
-//   steps[ray], tests[ray]  COUNT_STEPS: cells looked at, triangles tested
+//   steps[ray], tests[ray], batches[ray]   COUNT_STEPS: cells looked at, triangles tested, in so many batches
 //   nearest[ray]          PARTS: local t of the nearest hit in the parts before, inf at first
 #include "grid.h"
 #include "rays_in_out.h"
@@ -13,7 +13,7 @@ __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
                            __global double *t_hit, __global uint *ids, __global float *uvs,
                            __global uint *invalid
 #ifdef COUNT_STEPS
-                           , __global uint *steps, __global uint *tests
+                           , __global uint *steps, __global uint *tests, __global uint *batches
 #endif
 #ifdef PARTS
                            , __global float *nearest
@@ -41,6 +41,7 @@ __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
 #ifdef COUNT_STEPS
         steps[i] += hit.steps;
         tests[i] += hit.tests;
+        batches[i] += hit.batches;
 #endif
     }
     invalid[chunk] = rejected;

@@ -93,9 +93,6 @@ void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *
             ids[count] = triangles[node];
         for (uint i = count; i < 8; ++i)
             ids[i] = ids[count - 1];
-#ifdef COUNT_STEPS
-        hit->tests += count;
-#endif
         keep_nearest_of_8(ray, s, vertices, faces, ids, count, hit);
     }
 #else
@@ -103,9 +100,6 @@ void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *
     __global const uint *entries = pool + list.begin;
 #else
     __global const uint *entries = references + list.begin;
-#endif
-#ifdef COUNT_STEPS
-    hit->tests += list.count;
 #endif
     for (uint done = 0; done < list.count; done += 8) {
         const uint count = min(list.count - done, 8u);

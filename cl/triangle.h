@@ -19,6 +19,7 @@ typedef struct {
 #ifdef COUNT_STEPS
     uint steps;              // cells looked at
     uint tests;              // triangles tested
+    uint batches;            // of up to eight triangles, each tested at once
 #endif
 } Hit;
 
@@ -167,6 +168,10 @@ int8 candidates(const Shear *s, float8 akx, float8 aky, float8 akz, float8 bkx, 
 void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *vertices,
                        __global const uint *faces, const uint *ids, uint count, Hit *hit)
 {
+#ifdef COUNT_STEPS
+    hit->tests += count;
+    ++hit->batches;
+#endif
     __global const float *a[8], *b[8], *c[8];
     for (uint i = 0; i < 8; ++i) {
         __global const uint *face = faces + 3 * (size_t)ids[i];
@@ -189,7 +194,7 @@ void keep_nearest_of_8(const Ray *ray, const Shear *s, __global const float *ver
 Hit no_hit(void)
 {
 #ifdef COUNT_STEPS
-    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f, 0u, 0u};
+    const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f, 0u, 0u, 0u};
 #else
     const Hit miss = {INFINITY, NO_HIT, 0.0f, 0.0f};
 #endif

@@ -42,9 +42,12 @@ class Hits:
         Rays that are misses because they are not finite or have no direction.
     steps : (...) uint32, optional
         Cells that the ray looked at, and with skipping empty bricks that it left without a look at their
-        cells; counted where this or ``tests`` is asked for.
+        cells.
     tests : (...) uint32, optional
-        Triangles of their lists, each tested; counted where this or ``steps`` is asked for.
+        Triangles of the cells' lists, each tested.
+    batches : (...) uint32, optional
+        Of up to eight triangles each, in which they were tested. Where one of these three is asked for, all
+        are counted.
     """
 
     t_hit: npt.NDArray[np.float64]
@@ -56,6 +59,7 @@ class Hits:
     _directions: npt.NDArray[Any]
     steps: npt.NDArray[np.uint32] | None = None
     tests: npt.NDArray[np.uint32] | None = None
+    batches: npt.NDArray[np.uint32] | None = None
 
     def __getitem__(self, field: str) -> Any:
         if field.startswith("_") or not hasattr(self, field):
@@ -95,7 +99,7 @@ class Hits:
         return points
 
 
-FIELDS = ("steps", "tests")
+FIELDS = ("steps", "tests", "batches")
 """Of ``Hits``, beyond those that every cast computes."""
 
 

@@ -1,6 +1,6 @@
 """What a grid would cost before it is built, and which of several grids to build.
 
-``time = build(triangles, references, cells) + rays * cast(steps, tests)``, a straight line in each, with a
+``time = build(triangles, references, cells) + rays * cast(steps, batches)``, a straight line in each, with a
 device's seconds from ``calibrate``. The counts come from a sample of the triangles by integral geometry:
 a random line through a box of surface S meets 2 A / S of the surface A in it, and of cells of surface s
 each one with probability s / S. Nothing here decides a hit: every grid gives the same answers.
@@ -125,8 +125,8 @@ class Work:
     ----------
     triangles, cells, references, full_cells : float
         Full cells are those with a list.
-    steps, tests : float
-        Of a ray, by mean: cells looked at and triangles tested.
+    steps, tests, batches : float
+        Of a ray, by mean: cells looked at, triangles tested, and batches of eight that these come in.
     """
 
     triangles: float
@@ -135,6 +135,7 @@ class Work:
     full_cells: float
     steps: float
     tests: float
+    batches: float
 
 
 def estimate(seen: Sample, resolution: tuple[int, int, int]) -> Work:
@@ -164,7 +165,17 @@ def estimate(seen: Sample, resolution: tuple[int, int, int]) -> Work:
     full = cells * -math.expm1(-filled / cells)
     steps, tests = _along_rays(seen, cell, cells, references)
     full = min(max(full, 1.0), references, cells)
-    return Work(seen.triangles, cells, references, full, _ENTER * steps, _ENTER * tests)
+    batches = tests * _batches_per_test(references / full)
+    return Work(seen.triangles, cells, references, full, _ENTER * steps, _ENTER * tests, _ENTER * batches)
+
+
+def _batches_per_test(length: float) -> float:
+    """Batches of eight for each triangle, in lists of this mean length: none is shared by two lists.
+
+    Lengths as if each list had a constant chance to go on: geometric, like most with such a mean.
+    """
+    chance = 1 - 1 / length
+    return 1 / (length * (1 - chance**8))
 
 
 def leaping(work: Work) -> Work:
@@ -200,7 +211,7 @@ class Constants:
     build : tuple of 4 float
         In any case, a triangle, a reference, a cell.
     cast : tuple of 3 float
-        A ray, a step, a test.
+        A ray, a step, a batch.
     source : str
         Where they come from.
     """
@@ -216,7 +227,7 @@ class Constants:
 
     def cast_s(self, work: Work, rays: float) -> float:
         """Seconds of so many rays."""
-        amounts = (1.0, work.steps, work.tests)
+        amounts = (1.0, work.steps, work.batches)
         return rays * sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
 
 

@@ -293,9 +293,9 @@ class Grid:
             Of any length but zero; broadcast against the origins.
         t_min, t_max : float or (...) float64
             Closed interval of the ray parameter, in lengths of the direction.
-        fields : sequence of {"steps", "tests"}
-            What to compute beyond the hit: the number of cells that each ray looked at, and of triangles
-            that it was tested against.
+        fields : sequence of {"steps", "tests", "batches"}
+            What to count beyond the hit: cells that each ray looked at, triangles that it was tested
+            against, and batches of eight that they were tested in. Any of them gives all.
 
         Returns
         -------

@@ -138,6 +138,7 @@ def _candidates(choice: Choice) -> list[CandidateRecord]:
             nbytes=one.nbytes,
             steps=one.work.steps,
             tests=one.work.tests,
+            batches=one.work.batches,
             build_s=one.build_s,
             cast_s=one.cast_s,
             fits=one.fits,
@@ -153,7 +154,7 @@ def _constants(choice: Choice) -> list[ConstantsRecord]:
             layout=layout,
             skipping=skipping,
             build=dict(zip(("fixed", "triangle", "reference", "cell"), seconds.build, strict=True)),
-            cast=dict(zip(("ray", "step", "test"), seconds.cast, strict=True)),
+            cast=dict(zip(("ray", "step", "batch"), seconds.cast, strict=True)),
             source=seconds.source,
         )
         for (layout, skipping), seconds in choice.constants.items()

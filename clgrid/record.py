@@ -289,8 +289,8 @@ class CandidateRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         Cells per triangle, as asked for.
     full_cells : int
         Cells with a triangle.
-    steps, tests : float
-        Of a ray, by mean: cells looked at and triangles tested.
+    steps, tests, batches : float
+        Of a ray, by mean: cells looked at, triangles tested, and batches of eight that these come in.
     build_s, cast_s : float
         Of the build, and of all rays.
     fits : bool
@@ -308,6 +308,7 @@ class CandidateRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     nbytes: int
     steps: float
     tests: float
+    batches: float
     build_s: float
     cast_s: float
     fits: bool
@@ -322,7 +323,7 @@ class ConstantsRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     build : dict of str to float
         ``fixed``, ``triangle``, ``reference``, ``cell``.
     cast : dict of str to float
-        ``ray``, ``step``, ``test``.
+        ``ray``, ``step``, ``batch``.
     source : str
         Where they come from.
     """

@@ -17,7 +17,7 @@ from clgrid.grid import build
 from clgrid.mesh import Mesh
 
 COMPACT, HASHED = ("compact", False), ("hashed", False)
-START = (5e-4, 1.2e-8, 1.6e-8, 5e-10)
+START = calibrate.typical(False).build
 AMOUNTS = np.array(
     [
         [1, 12, 96, 48],
@@ -211,7 +211,7 @@ def test_scenes_are_built_and_cast_and_counted(device: Device) -> None:
         assert np.isfinite(one.seconds).all()
         assert (one.seconds > 0).all()
     np.testing.assert_array_equal(built.amounts, leaping_built.amounts)
-    # Tests are those of the same triangles; steps are fewer.
+    # The same lists are met; steps are fewer.
     np.testing.assert_array_equal(casts.amounts[:, [0, 2]], leaping.amounts[:, [0, 2]])
     assert leaping.amounts[:, 1].sum() < casts.amounts[:, 1].sum() / 2
     scene = calibrate.mountains()
@@ -226,9 +226,9 @@ def test_the_scenes_differ_in_what_they_ask_for(device: Device) -> None:
     def of(mesh: Mesh) -> tuple[float, float]:
         grid = build(mesh, density=4, device=device)
         rays = calibrate.view(mesh)
-        hits = grid.cast(rays.origins, rays.directions, fields=("steps", "tests"))
+        hits = grid.cast(rays.origins, rays.directions, fields=("steps", "batches"))
         assert 0.1 < hits.mask.mean() < 0.9
-        return grid.stats.references / grid.stats.triangles, float(hits.steps.mean() / hits.tests.mean())
+        return grid.stats.references / grid.stats.triangles, float(hits.steps.mean() / hits.batches.mean())
 
     mountains, needles = of(calibrate.mountains()), of(calibrate.needles())
     assert needles[0] > 3 * mountains[0]

@@ -11,6 +11,7 @@ from scenes import scene
 
 import clgrid
 from clgrid import calibrate, cost
+from clgrid.cast import FIELDS
 from clgrid.device import Device
 from clgrid.errors import GridTooLargeError, InputError
 from clgrid.grid import build, predict
@@ -93,7 +94,10 @@ def test_small_and_degenerate_meshes_have_estimates(name: str) -> None:
         found = cost.candidates(cost.sample(mesh), replace(ASKED, densities=(density,)), FIXED)[0]
         work = found.work
         assert 1 <= work.full_cells <= min(work.cells, work.references)
-        assert all(np.isfinite(value) and value >= 0 for value in (work.steps, work.tests, found.total_s))
+        assert all(
+            np.isfinite(value) and value >= 0
+            for value in (work.steps, work.tests, work.batches, found.total_s)
+        )
 
 
 @pytest.mark.parametrize("layout", ["compact", "hashed", "linked-list", "dynamic-array"])
@@ -294,8 +298,11 @@ def test_tests_are_the_lengths_of_the_lists_that_a_ray_meets(device: Device) -> 
         assert entered.any()
         assert not entered.all()
         np.testing.assert_array_equal(hits.tests, np.where(entered, mesh.triangle_count, 0))
+        np.testing.assert_array_equal(hits.batches, np.where(entered, mesh.triangle_count / 8, 0))
         fine = build(mesh, layout, density=8, device=device).cast(origins, directions, fields=("tests",))
         assert 0 < fine.tests.sum() < hits.tests.sum() / 20
+        assert (fine.batches <= np.minimum(fine.steps, fine.tests)).all()
+        assert (8 * fine.batches >= fine.tests).all()
 
 
 @pytest.mark.slow
@@ -308,12 +315,13 @@ def test_regret_in_counted_work(name: str, device: Device) -> None:
     for layout, skipping in FIXED:
         for density in cost.LADDER:
             grid = build(mesh, layout, density, skipping=skipping, device=device)
-            hits = grid.cast(*rays, fields=("steps", "tests"))
+            hits = grid.cast(*rays, fields=FIELDS)
             stats = grid.stats
             full = stats.cells * (1 - stats.empty_share)
             counted[layout, skipping, density] = cost.Work(
-                stats.triangles, stats.cells, stats.references, full, hits.steps.mean(), hits.tests.mean()
-            )
+                stats.triangles, stats.cells, stats.references, full,
+                *(float(hits[field].mean()) for field in FIELDS),
+            )  # fmt: skip
     for count in (2**12, 2**16, 2**18, 2**20, 2**22, 2**24):
         for kinds in (tuple(FIXED), (KIND,), (KIND, ("hashed", False))):
             asked = replace(ASKED, kinds=kinds, rays=count)
