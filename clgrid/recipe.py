@@ -12,6 +12,7 @@ import numpy.typing as npt
 from clgrid import calibrate, cost
 from clgrid.device import Device
 from clgrid.errors import InputError
+from clgrid.estimate import sample
 from clgrid.layouts import LAYOUTS
 from clgrid.layouts.planes import plane_params
 from clgrid.mesh import Mesh
@@ -112,7 +113,7 @@ class Options:
             As ``cost.candidates``.
         """
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
-        return cost.candidates(cost.sample(mesh), self._question(device), constants)
+        return cost.candidates(sample(mesh), self._question(device), constants)
 
     def _settled(self) -> Recipe:
         """The recipe where nothing is left to choose, or nothing depends on it."""
