@@ -13,7 +13,10 @@ from clgrid.mesh import FloatArray, Mesh
 
 # Beyond these exponents a double cannot hold the scale and its inverse with room for directions.
 _LARGEST_EXPONENT = 900
-_CHUNK = 1 << 20
+# Vertices at a time, few enough for a core's cache.
+_CHUNK = 1 << 13
+# float32 holds two to this power and its inverse.
+_FLOAT_EXPONENT = 126
 
 
 @dataclass(frozen=True)
@@ -64,22 +67,34 @@ class LocalFrame:
             raise MeshError(f"coordinates reach {reach:g}; scale the mesh below 2^{_LARGEST_EXPONENT}")
         return cls(offset, max(exponent, -_LARGEST_EXPONENT))
 
-    def to_local(self, vertices: FloatArray) -> npt.NDArray[np.float32]:
+    def to_local(
+        self, vertices: FloatArray, out: npt.NDArray[np.float32] | None = None
+    ) -> npt.NDArray[np.float32]:
         """Local float32 coordinates, each rounded at most once.
 
         Parameters
         ----------
         vertices : (V, 3) float32 or float64
             Scene units.
+        out : (V, 3) float32, optional
+            Where to put them.
         """
-        if vertices.dtype == np.float32 and not self.offset.any():
-            with np.errstate(under="ignore", over="ignore", invalid="ignore"):
-                return np.ldexp(vertices, -self.exponent)
-        local = np.empty(vertices.shape, np.float32)
+        local = np.empty(vertices.shape, np.float32) if out is None else out
+        scale = 2.0**-self.exponent
         with np.errstate(under="ignore", over="ignore", invalid="ignore"):
+            if (
+                vertices.dtype == np.float32
+                and not self.offset.any()
+                and abs(self.exponent) <= _FLOAT_EXPONENT
+            ):
+                return np.multiply(vertices, np.float32(scale), out=local)
+            rows = min(_CHUNK, len(vertices))
+            moved = np.empty((rows, *vertices.shape[1:]))
             for start in range(0, len(vertices), _CHUNK):
-                part = vertices[start : start + _CHUNK].astype(np.float64)
-                local[start : start + _CHUNK] = np.ldexp(part - self.offset, -self.exponent)
+                part = vertices[start : start + _CHUNK]
+                np.subtract(part, self.offset, out=moved[: len(part)])
+                # Exact: the scale is a power of two, and what underflows float64 is nothing in float32.
+                np.multiply(moved[: len(part)], scale, out=local[start : start + _CHUNK], casting="same_kind")
         return local
 
     def max_rounding(self, mesh: Mesh) -> float:

@@ -62,7 +62,7 @@ class DeviceMesh:
         self.frame_params = self._allocator.upload(self.frame.params())
 
     def _write_local(self, out: npt.NDArray[np.float32]) -> None:
-        out[:-1] = self.frame.to_local(self.mesh.vertices).reshape(-1)
+        self.frame.to_local(self.mesh.vertices, out[:-1].reshape(-1, 3))
         out[-1] = 0
 
     @property

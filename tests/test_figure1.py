@@ -75,6 +75,7 @@ def scenes_folder(folder: Path, armadillo: str) -> None:
     (folder / "scenes" / "scans" / "armadillo.obj").write_text(armadillo)
 
 
+@pytest.mark.slow
 def test_a_row_without_scenes_is_measured_once(tmp_path: Path, device: Device) -> None:
     (tmp_path / "scenes").mkdir()
     asked = ("--rows", "armadillo", "--layouts", "compact", "--no-threads", "--device", device.label)

@@ -109,3 +109,19 @@ def test_params_are_exact_inverses() -> None:
     params = LocalFrame(np.array([1.0, 2.0, 3.0]), 900).params()
     assert params["scale"] * params["inverse_scale"] == 1
     np.testing.assert_array_equal(params["offset"], [1, 2, 3])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("exponent", [-140, -126, -3, 0, 5, 100, 127])
+@pytest.mark.parametrize("offset", [0.0, 0.75])
+def test_every_coordinate_is_rounded_once(dtype: type, exponent: int, offset: float) -> None:
+    """Against numpy's own ldexp, over several chunks and into a given array."""
+    rng = np.random.default_rng(7)
+    with np.errstate(under="ignore", over="ignore"):
+        unit = rng.uniform(-1, 1, (20_000, 3)) * 10.0 ** rng.integers(-20, 1, (20_000, 3))
+        vertices = np.ldexp(unit, min(exponent, 126)).astype(dtype)
+        moved = np.array([0.0, np.ldexp(offset, min(exponent, 126)), 0.0])
+        expected = np.ldexp(vertices.astype(np.float64) - moved, -exponent).astype(np.float32)
+    out = np.full((20_000, 3), np.nan, np.float32)
+    assert LocalFrame(moved, exponent).to_local(vertices, out) is out
+    np.testing.assert_array_equal(out.view(np.uint32), expected.view(np.uint32))

@@ -21,6 +21,7 @@ from clgrid.errors import GridTooLargeError, InputError
 from clgrid.grid import Grid, build, predict
 from clgrid.layouts import LAYOUTS, binning
 from clgrid.layouts.planes import ROW_CELLS
+from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 
 OTHERS = [layout for layout in LAYOUTS if layout != "compact"]
@@ -157,7 +158,7 @@ def limit(monkeypatch: pytest.MonkeyPatch, nbytes: int) -> None:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("largest", [100_000, 25_000, 12_000])
+@pytest.mark.parametrize("largest", [100_000, 12_000])
 def test_past_the_largest_buffer_of_the_device(
     layout: str, largest: int, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,6 +210,21 @@ def test_what_no_number_of_parts_makes_small_enough_is_refused(
         GridTooLargeError, match=r"10x10x10 cells needs 4,004 bytes.* largest allocation of 1,000"
     ):
         build(procedural.cube(), resolution=(10, 10, 10), device=device)
+
+
+def test_host_arrays_are_not_copied_on_devices_that_share_memory(device: Device) -> None:
+    import pyopencl as cl
+
+    if not device.cl_device.host_unified_memory:
+        pytest.skip(f"{device.label} has a memory of its own")
+    allocator = Allocator(device)
+    for array in (np.arange(10_000, dtype=np.float32)[3:], np.zeros(1 << 21, np.uint32)):
+        buffer = allocator.share(array)
+        mapped, _ = cl.enqueue_map_buffer(
+            device.queue, buffer, cl.map_flags.READ, 0, array.shape, array.dtype
+        )
+        assert mapped.ctypes.data == array.ctypes.data
+        mapped.base.release(device.queue)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

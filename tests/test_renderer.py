@@ -71,8 +71,10 @@ def test_pictures_are_the_same_bits_on_every_device(all_devices, smooth):
     if smooth:
         mesh = with_normals(mesh, mesh.vertices * np.float32(3.7))
     camera = Camera.look_at((1.3, 0.7, 1.9), (0.1, 0, 0), fov=55)
-    first, *others = (bits(render(mesh, camera, 83, 59, AOVS, device=device)) for device in all_devices)
-    assert set(first) == {"rgba", "depth", "normal", "primitive_id", "geometry_id"}
+    first, *others = (
+        bits(render(mesh, camera, 83, 59, AOVS, device=device, density=4)) for device in all_devices
+    )
+    assert set(first) == {"rgba", "depth", "normal", "primitive_id", "geometry_id", "steps"}
     for other in others:
         assert other == first
 
