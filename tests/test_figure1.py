@@ -105,6 +105,7 @@ def test_a_row_without_scenes_is_measured_once(tmp_path: Path, device: Device) -
     assert "1 measured, 0 kept" in figure1(tmp_path, *asked, "--fresh").stderr
 
 
+@pytest.mark.slow
 def test_a_row_that_fails_stops_no_other(tmp_path: Path, device: Device) -> None:
     scenes_folder(tmp_path, TRIANGLE)
     asked = ("--rows", "Armadillo,Dragon,Buddha", "--layouts", "compact", "--no-threads")

@@ -194,6 +194,7 @@ cl.Program(device.choose(sys.argv[1]).context, "int nothing(int x) { return x; }
 """
 
 
+@pytest.mark.slow
 def test_a_cache_entry_that_lost_its_kernels_is_worked_around(device: Device, tmp_path: Path) -> None:
     if not device.description.is_pocl:
         pytest.skip("only PoCL has a cache of its own")
@@ -210,6 +211,7 @@ def test_a_cache_entry_that_lost_its_kernels_is_worked_around(device: Device, tm
     assert f"PoCL's kernel cache is damaged by an earlier crash: delete the folder {cache}" in used.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["cut", "died"])
 def test_settled_damage_is_deleted_before_the_first_build(
     device: Device, tmp_path: Path, damage: str
