@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,63 +18,11 @@ from clgrid.frame import LocalFrame
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.recipe import Options, Recipe
+from clgrid.stats import GridStats, sums
 from clgrid.target import DeviceMesh, MeshPart
 
-# Of the arrays of cl/lists.h; those of _POSITIONS are uint64 in a grid of more than 2^32 references.
-_POSITIONS = ("cells", "table", "heads", "next", "pointers")
-_DTYPES: dict[str, type[np.unsignedinteger[Any]]] = {
-    **dict.fromkeys(
-        (*_POSITIONS, "references", "table_starts", "triangles", "sizes", "capacities", "pool"), np.uint32
-    ),
-    "domain": np.uint64,
-    "offsets": np.uint16,
-}
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
-
-
-@dataclass(frozen=True)
-class GridStats:
-    """What a build made, and what it took.
-
-    Attributes
-    ----------
-    triangles, cells, references : int
-    resolution : (int, int, int)
-        Of the first part.
-    density : float
-        Cells per triangle, as built.
-    empty_share : float
-        Share of cells with an empty list.
-    slots : int
-        Of the hash table; 0 for a layout without one.
-    load_factor : float
-        Share of the slots that hold a list; 0 without a hash table.
-    parts : int
-        Grids, each over a run of triangles: one unless the device's largest buffer is too small for that.
-    build_s : dict of str to float
-        Seconds of each stage on the device: count, scan, bin, then the layout's own.
-    upload_s : float
-        Seconds to bring the mesh into its local frame and to the device.
-    nbytes : dict of str to int
-        Bytes by array.
-    peak_nbytes : int
-        Most bytes that the build held on the device at once, the finished grid included.
-    """
-
-    triangles: int
-    cells: int
-    references: int
-    resolution: tuple[int, int, int]
-    density: float
-    empty_share: float
-    slots: int
-    load_factor: float
-    parts: int
-    build_s: dict[str, float]
-    upload_s: float
-    nbytes: dict[str, int]
-    peak_nbytes: int
 
 
 class Grid:
@@ -222,7 +169,7 @@ class Grid:
     @property
     def build_s(self) -> dict[str, float]:
         """Seconds of each stage on the device."""
-        return _sums([part.lists.build_s for part in self.parts])
+        return sums([part.lists.build_s for part in self.parts])
 
     @property
     def nbytes(self) -> int:
@@ -254,7 +201,7 @@ class Grid:
             parts=len(lists),
             build_s=self.build_s,
             upload_s=self.upload_s,
-            nbytes=_sums([part.nbytes for part in lists]),
+            nbytes=sums([part.nbytes for part in lists]),
             peak_nbytes=self.peak_nbytes,
         )
 
@@ -269,7 +216,7 @@ class Grid:
         if self.empty:
             raise InputError("the mesh has no triangles, so there is no grid on a device")
         lists = self.standing[part].lists
-        types = {**_DTYPES, **({} if not lists.wide else dict.fromkeys(_POSITIONS, np.uint64))}
+        types = lists.dtypes
         return {
             name: self._allocator.download(array.buffer, types[name], array.nbytes // types[name]().itemsize)
             for name, array in lists.arrays.items()
@@ -313,15 +260,6 @@ class Grid:
         if self.empty:
             return no_hits(self.mesh, rays, fields)
         return cast_closest(self.target, self.standing, rays, fields)
-
-
-def _sums(tables: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The tables added up, key by key."""
-    total: dict[str, Any] = {}
-    for table in tables:
-        for key, value in table.items():
-            total[key] = total.get(key, 0) + value
-    return total
 
 
 def build(

@@ -5,7 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from clgrid.layouts.planes import BRICK
+
+# Of the arrays of cl/lists.h; those of _POSITIONS are uint64 in a grid of more than 2^32 references.
+_POSITIONS = ("cells", "table", "heads", "next", "pointers")
+_DTYPES: dict[str, type[np.unsignedinteger[Any]]] = {
+    **dict.fromkeys(
+        (*_POSITIONS, "references", "table_starts", "triangles", "sizes", "capacities", "pool"), np.uint32
+    ),
+    "domain": np.uint64,
+    "offsets": np.uint16,
+}
 
 
 @dataclass(frozen=True)
@@ -62,6 +74,11 @@ class CellLists:
         """The kernel arguments of GRID_PARAMETERS in cl/lists.h."""
         skipping = [] if self.distances is None else [self.distances.buffer]
         return [self.params, *self.list_arguments, *skipping]
+
+    @property
+    def dtypes(self) -> dict[str, type[np.unsignedinteger[Any]]]:
+        """Of the items of each array."""
+        return {**_DTYPES, **dict.fromkeys(_POSITIONS, np.uint64)} if self.wide else _DTYPES
 
     @property
     def list_defines(self) -> dict[str, int | str]:

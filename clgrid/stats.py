@@ -1,0 +1,60 @@
+"""What a build made, and what it took."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class GridStats:
+    """What a build made, and what it took.
+
+    Attributes
+    ----------
+    triangles, cells, references : int
+    resolution : (int, int, int)
+        Of the first part.
+    density : float
+        Cells per triangle, as built.
+    empty_share : float
+        Share of cells with an empty list.
+    slots : int
+        Of the hash table; 0 for a layout without one.
+    load_factor : float
+        Share of the slots that hold a list; 0 without a hash table.
+    parts : int
+        Grids, each over a run of triangles: one unless the device's largest buffer is too small for that.
+    build_s : dict of str to float
+        Seconds of each stage on the device: count, scan, bin, then the layout's own.
+    upload_s : float
+        Seconds to bring the mesh into its local frame and to the device.
+    nbytes : dict of str to int
+        Bytes by array.
+    peak_nbytes : int
+        Most bytes that the build held on the device at once, the finished grid included.
+    """
+
+    triangles: int
+    cells: int
+    references: int
+    resolution: tuple[int, int, int]
+    density: float
+    empty_share: float
+    slots: int
+    load_factor: float
+    parts: int
+    build_s: dict[str, float]
+    upload_s: float
+    nbytes: dict[str, int]
+    peak_nbytes: int
+
+
+def sums(tables: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The tables added up, key by key."""
+    total: dict[str, Any] = {}
+    for table in tables:
+        for key, value in table.items():
+            total[key] = total.get(key, 0) + value
+    return total
