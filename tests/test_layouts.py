@@ -111,13 +111,15 @@ def test_bytes_are_those_of_the_formula_and_of_the_prediction(
     )
 
 
-@pytest.mark.parametrize("layout", OTHERS)
-def test_memory_is_refused_with_the_number(layout: str, device: Device) -> None:
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("skipping", [False, True])
+def test_memory_is_refused_with_the_number(layout: str, skipping: bool, device: Device) -> None:
     ball = procedural.icosphere(4)
-    needed = build(ball, layout, 4, device=device).nbytes
-    assert build(ball, layout, 4, device=device, max_memory=needed).nbytes == needed
+    needed = build(ball, layout, 4, skipping=skipping, device=device).nbytes
+    within = build(ball, layout, 4, skipping=skipping, device=device, max_memory=needed)
+    assert within.nbytes == needed
     with pytest.raises(GridTooLargeError, match=f"needs {needed:,} bytes, more than .* {needed - 1:,}"):
-        build(ball, layout, 4, device=device, max_memory=needed - 1)
+        build(ball, layout, 4, skipping=skipping, device=device, max_memory=needed - 1)
 
 
 def digest(grid: Grid) -> str:

@@ -10,6 +10,7 @@ from clgrid import procedural
 from clgrid.device import Device
 from clgrid.grid import Grid, build
 from clgrid.layouts import LAYOUTS
+from clgrid.layouts.lists import bricks_of
 from clgrid.layouts.planes import BRICK
 from clgrid.mesh import Mesh
 
@@ -18,7 +19,7 @@ def occupied_bricks(grid: Grid) -> np.ndarray:
     """(Bz, By, Bx) bool from the grid's own cells."""
     lists = grid.parts[0].lists
     mx, my, mz = lists.resolution
-    bx, by, bz = lists.brick_counts
+    bx, by, bz = bricks_of(lists.resolution)
     full = np.zeros((bz * BRICK, by * BRICK, bx * BRICK), bool)
     full[:mz, :my, :mx] = np.array([bool(cell) for cell in lists_of(grid)]).reshape(mz, my, mx)
     return full.reshape(bz, BRICK, by, BRICK, bx, BRICK).any(axis=(1, 3, 5))
@@ -26,7 +27,7 @@ def occupied_bricks(grid: Grid) -> np.ndarray:
 
 def distances(grid: Grid) -> np.ndarray:
     lists = grid.parts[0].lists
-    x, y, z = lists.brick_counts
+    x, y, z = bricks_of(lists.resolution)
     assert lists.distances is not None
     return grid._allocator.download(lists.distances.buffer, np.uint8, x * y * z).reshape(z, y, x)
 
@@ -51,7 +52,7 @@ def test_distances_stop_at_the_largest_byte(device: Device) -> None:
 def test_bytes_are_one_a_brick_and_nothing_without_skipping(device: Device) -> None:
     mesh = procedural.icosphere(2)
     plain, skipping = (build(mesh, density=4, device=device, skipping=choice) for choice in (False, True))
-    x, y, z = skipping.parts[0].lists.brick_counts
+    x, y, z = bricks_of(skipping.parts[0].lists.resolution)
     assert skipping.stats.nbytes["distances"] == x * y * z
     assert skipping.nbytes - plain.nbytes == x * y * z
     assert "distances" not in plain.stats.nbytes

@@ -73,11 +73,6 @@ class Work:
         self.wide = False
 
     @property
-    def index_dtype(self) -> type[np.uint32] | type[np.uint64]:
-        """Of positions of references."""
-        return np.uint64 if self.wide else np.uint32
-
-    @property
     def index_bytes(self) -> int:
         """Of a position of a reference."""
         return 8 if self.wide else 4

@@ -96,11 +96,6 @@ class CellLists:
         return self.resolution[0] * self.resolution[1] * self.resolution[2]
 
     @property
-    def brick_counts(self) -> tuple[int, int, int]:
-        """Bricks along x, y and z."""
-        return bricks_of(self.resolution)
-
-    @property
     def nbytes(self) -> dict[str, int]:
         """Bytes by array."""
         nbytes = {name: array.nbytes for name, array in self.arrays.items()}

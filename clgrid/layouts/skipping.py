@@ -21,6 +21,7 @@ def with_distances(work: Work, lists: CellLists) -> CellLists:
     """The grid with a distance byte a brick, which lets rays leap over empty space."""
     queue, bricks = work.device.queue, bricks_of(work.resolution)
     size = nbytes(work.resolution)
+    work.allocator.check_arrays({**lists.nbytes, "distances": size}, work.name)
     with work.stage("distances"):
         distances = work.allocator.buffer(size)
         mark = kernel(work.device, "mark_bricks.cl", "mark_bricks", **lists.list_defines)
