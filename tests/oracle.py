@@ -2,7 +2,7 @@
 
 ``prepare_rays``, ``intersect`` and ``closest`` are the numpy twins of cl/ray.h and cl/triangle.h: the same
 float32 and float64 operations, vectorised over rays and triangles, so that every bit must agree.
-``exact_t`` is rational arithmetic on the stored (local, float32) ray and triangle: the truth.
+``exact_t`` is the exact reference, for one ray and triangle: the truth of whatever it is given.
 ``exact_lists`` is what the compact grid must hold, from exact planes.
 """
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from clgrid.frame import LocalFrame
 from clgrid.mesh import Mesh
+from clgrid.rational import crossing_t
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -216,41 +217,9 @@ def local_mesh(mesh: Mesh) -> tuple[LocalFrame, F32]:
     return frame, frame.to_local(mesh.vertices)
 
 
-Point = tuple[Fraction, Fraction, Fraction]
-
-
-def _point(values: npt.NDArray[np.floating]) -> Point:
-    x, y, z = (Fraction(float(value)) for value in values)
-    return x, y, z
-
-
-def _sub(a: Point, b: Point) -> Point:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _cross(a: Point, b: Point) -> Point:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _dot(a: Point, b: Point) -> Fraction:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def exact_t(origin: F32, direction: F32, triangle: F32) -> Fraction | None:
-    """Exact t at which the line of the stored ray meets the closed stored triangle, or None.
-
-    Lines within the triangle's plane do not meet it.
-    """
-    o, d = _point(origin), _point(direction)
-    a, b, c = (_sub(_point(corner), o) for corner in triangle)
-    normal = _cross(_sub(b, a), _sub(c, a))
-    slope = _dot(normal, d)
-    if slope == 0:
-        return None
-    sides = [_dot(d, _cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
-    if min(sides) < 0 < max(sides):
-        return None
-    return _dot(normal, a) / slope
+    """Exact t at which the line of the stored ray crosses the stored triangle, or None."""
+    return crossing_t(triangle, origin, direction)
 
 
 def exact_lists(
