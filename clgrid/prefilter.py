@@ -105,7 +105,7 @@ class Triangles:
         return corners
 
     def near(self, origin: list[float], direction: list[float]) -> Ids:
-        """Ids of all triangles that the line may cross, ascending; every other one is surely missed.
+        """Ids of all triangles that the line may cross, in any order; every other one is surely missed.
 
         Seen along the line, a corner lies at x - z dx/dz, z being the direction's largest axis; its distance
         from the line is off by at most MARGIN. A triangle is dropped where all its corners lie on one side of
@@ -138,7 +138,7 @@ class Triangles:
                 for axis, slope, place in zip(axes[:2], slopes, at, strict=True)
             )
             kept.append(ids[~_surely_apart(x, y)])
-        return np.sort(np.concatenate(kept))
+        return np.concatenate(kept)
 
     def _line(
         self, origin: list[float], direction: list[float]

@@ -14,10 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import CLOSED as CLOSED_NAMES
 from meshes import MESHES, soup
+from scenes import scene
 
 from clgrid import prefilter, procedural
+from clgrid.closed import open_edges
 from clgrid.errors import InputError
-from clgrid.mesh import Mesh
+from clgrid.mesh import Mesh, load
 from clgrid.rational import Crossing, Triangles, closest, count, crossing_t, crossings, inside, plane_t
 
 Case = tuple[npt.NDArray[np.floating], npt.NDArray[np.float64], npt.NDArray[np.float64]]
@@ -156,6 +158,18 @@ def test_lines_cross_closed_meshes_an_even_number_of_times(name: str) -> None:
     assert met > 50
 
 
+@pytest.mark.parametrize("name", ["scans/armadillo.obj", "scans/horse.ply", "cad/gears.stl"])
+def test_lines_cross_closed_scans_an_even_number_of_times(name: str) -> None:
+    mesh = load(scene(name))
+    assert open_edges(mesh) == 0
+    prepared, met = Triangles.of_mesh(mesh), 0
+    for origin, direction in zip(*structured(mesh, 300, seed=1), strict=True):
+        found = crossings(prepared, origin, direction)
+        assert len(found) % 2 == 0, (origin, direction)
+        met += bool(found)
+    assert met > 150
+
+
 @pytest.mark.parametrize("name", CLOSED)
 def test_half_lines_leave_closed_meshes_an_odd_number_of_times(name: str) -> None:
     mesh, points = CLOSED[name]
@@ -226,6 +240,15 @@ def test_filter_drops_nearly_everything() -> None:
     assert len(far.near([1e9, 1e9, 1e9], [1.0, 0.5, 0.25])) < 40
 
 
+def test_portions_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = MESHES["ball"]
+    rays = list(zip(*structured(mesh, 60, seed=6), strict=True))
+    expected = [crossings(Triangles.of_mesh(mesh), *ray) for ray in rays]
+    monkeypatch.setattr(prefilter, "_BLOCK", 3)
+    monkeypatch.setattr(prefilter, "_BLOCKS_AT_ONCE", 2)
+    assert [crossings(Triangles.of_mesh(mesh), *ray) for ray in rays] == expected
+
+
 def test_a_filter_without_margin_would_be_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prefilter, "MARGIN", -1e-14)
     with pytest.raises(AssertionError):
@@ -254,6 +277,7 @@ def test_interval_is_closed_and_exact() -> None:
     assert count(SQUARE, *ray, 1 / 3) == 1
     assert count(SQUARE, *ray, np.nextafter(1 / 3, 1)) == 0
     assert count(SQUARE, *ray, -np.inf, np.inf) == 1
+    assert count(SQUARE, (1.5, 0.5, 1.0), (1, 0, 1)) == 1
     assert count(SQUARE, *ray, np.nan, np.inf) == 0
     assert closest(np.repeat(SQUARE, 3, axis=0), *ray) == Crossing(0, third)
 
