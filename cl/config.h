@@ -8,6 +8,15 @@
 
 #define NO_HIT 0xFFFFFFFFu
 
+// The rung of the accuracy ladder: RUNG_FAST, RUNG_PRECISE, RUNG_EXACT, or robust. `real` is what a ray, its
+// t and its weights are made of.
+#if defined(RUNG_PRECISE) || defined(RUNG_EXACT)
+#define WIDE_RAYS
+typedef double real;
+#else
+typedef float real;
+#endif
+
 // Counts and positions of references: 32 bits unless a grid holds more than those can number.
 #ifdef WIDE_REFERENCES
 typedef ulong ref_index;
@@ -52,6 +61,9 @@ typedef uint ref_index;
 #define START_LIMIT 2.0
 // A ray from farther away is moved to where it enters the cube [-ENTRY_CUBE, ENTRY_CUBE].
 #define ENTRY_CUBE 1.5
+
+// `exact`: an origin farther away than this is beyond what the walk can follow; all triangles are tested.
+#define FARTHEST_ORIGIN 0x1p+45
 
 // Edge functions below this are recomputed in float64: nearer zero, float32 may have underflowed.
 #define SMALLEST_EDGE 0x1p-80f

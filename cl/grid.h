@@ -1,6 +1,6 @@
-// Casting through a grid (Lagae & Dutre 2008) of any layout: cells in the ray's order, their lists, the
-// nearest hit. Triangles are entered in every cell that their padded bounding box touches.
-//   PARTS         the mesh is in several grids: the nearest hit so far comes in, and bounds the walk
+// Casting through a grid (Lagae & Dutre 2008) of any layout: cells in the ray's order, their lists, what the
+// query asks for (triangle.h). Triangles are entered in every cell that their padded bounding box touches.
+//   PARTS         the mesh is in several grids: the nearest hit so far comes in (parts.h), and bounds the walk
 //   SKIP_EMPTY    rays leave empty bricks of cells unseen (leap.h)
 //   COUNT_STEPS   hits tell how many cells, and empty bricks, were looked at, and how many triangles tested
 #ifndef CLG_GRID_H
@@ -9,18 +9,6 @@
 #include "walk.h"
 #ifdef SKIP_EMPTY
 #include "leap.h"
-#endif
-
-#ifdef PARTS
-// Where to go on from the nearest hit of the parts before. A triangle that is as near has a higher id than
-// theirs, and loses: no id is below 0.
-Hit bound_of(float nearest)
-{
-    Hit bound = no_hit();
-    bound.t = nearest;
-    bound.id = nearest < INFINITY ? 0u : NO_HIT;
-    return bound;
-}
 #endif
 
 // One step of the walk. False: the ray is out of the grid, or past `stop`. With SKIP_EMPTY it tells whether
@@ -34,13 +22,18 @@ bool walk_on(Axis *axis, int resolution, double stop, uint *cell, bool *entered)
     return inside;
 }
 
-// The nearest hit, bit for bit that of testing every triangle (docs/numerics.md, "Lossless grid"). `hit` is
-// no_hit() or, with PARTS, bound_of() the nearest so far: what is not nearer than that is no hit.
-Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *vertices,
-                __global const uint *faces)
+// Tests every triangle: for a ray that the walk cannot follow.
+void test_all(const Ray *ray, const Projection *projection, __constant const GridParams *grid, MESH_PARAMETERS,
+              Hit *hit)
 {
-    if (!ray->reaches)
-        return hit;
+    for (uint id = 0; id < grid->triangle_count && !settled(hit); ++id)
+        keep(ray, projection, MESH_ARGUMENTS, id, hit);
+}
+
+// Walks the grid for `hit`: no_hit(), or bound_of() the nearest so far: what is not nearer than that is no
+// hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid").
+void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
+{
     Axis x, y, z;
     double t_in = first_t(ray), t_out = last_t(ray);
     const double ox = ray->origin[0], oy = ray->origin[1], oz = ray->origin[2];
@@ -50,7 +43,7 @@ Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *
         || !enter_slab(&y, oy, dy, grid->lower[1], grid->upper[1], grid->cell_size[1], my, &t_in, &t_out)
         || !enter_slab(&z, oz, dz, grid->lower[2], grid->upper[2], grid->cell_size[2], mz, &t_in, &t_out)
         || t_in > t_out)
-        return hit;
+        return;
 
     const int ix = start_cell(&x, ox, dx, grid->lower[0], grid->cell_size[0], mx, t_in);
     const int iy = start_cell(&y, oy, dy, grid->lower[1], grid->cell_size[1], my, t_in);
@@ -60,23 +53,29 @@ Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *
     y.stride = dy < 0.0 ? -mx : mx;
     z.stride = dz < 0.0 ? -mx * my : mx * my;
 
-    const Shear shear = shear_of(ray);
     double stop = t_out;  // no hit beyond it can win
 #ifdef PARTS
-    stop = (double)hit.t + T_SLACK < stop ? (double)hit.t + T_SLACK : stop;
+    stop = (double)hit->meeting.t + T_SLACK < stop ? (double)hit->meeting.t + T_SLACK : stop;
 #endif
     bool entered = true, full = true;  // the cell's brick was just entered; may hold references
+#ifdef QUERY_EACH
+    double crossed = -INFINITY;  // where the ray entered the cell
+#endif
     for (;;) {
 #ifdef COUNT_STEPS
-        hit.steps += entered || full ? 1 : 0;
+        hit->steps += entered || full ? 1 : 0;
 #endif
 #ifdef SKIP_EMPTY
         if (entered) {
             const int distance = brick_distance(grid, distances, &x, &y, &z);
             full = distance == 0;
             if (distance > 1) {
-                if (!leap(grid, ray, distance, stop, &x, &y, &z, &cell))
+                double left_at;
+                if (!leap(grid, ray, distance, stop, &x, &y, &z, &cell, &left_at))
                     break;
+#ifdef QUERY_EACH
+                crossed = left_at;
+#endif
                 continue;
             }
         }
@@ -85,12 +84,23 @@ Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *
         if (full)
             list = find_list(cell, grid, LIST_ARGUMENTS);
         if (list.count != 0) {
-            keep_nearest_of_list(ray, &shear, vertices, faces, list, LIST_ARGUMENTS, &hit);
+#ifdef QUERY_EACH
+            hit->from = crossed;
+            hit->to = fmin(fmin(x.t_next, y.t_next), z.t_next);
+#endif
+            keep_of_list(ray, projection, MESH_ARGUMENTS, list, LIST_ARGUMENTS, hit);
+            if (settled(hit))
+                break;
+#ifndef QUERY_EACH
             // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
-            const double bound = (double)hit.t + T_SLACK;
+            const double bound = (double)hit->meeting.t + T_SLACK;
             stop = bound < stop ? bound : stop;
+#endif
         }
         bool inside;
+#ifdef QUERY_EACH
+        crossed = fmin(fmin(x.t_next, y.t_next), z.t_next);
+#endif
         if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
             inside = walk_on(&x, mx, stop, &cell, &entered);
         else if (y.t_next < z.t_next)
@@ -100,7 +110,21 @@ Hit closest_hit(const Ray *ray, Hit hit, GRID_PARAMETERS, __global const float *
         if (!inside)
             break;
     }
-    set_weights(&shear, vertices, faces, &hit);
+}
+
+// What the query asks for of the triangles that the ray meets.
+Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    if (!ray->reaches)
+        return hit;
+    const Projection projection = projection_of(ray);
+#ifdef RUNG_EXACT
+    if (ray->astray)
+        test_all(ray, &projection, grid, MESH_ARGUMENTS, &hit);
+    else
+#endif
+        walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
+    describe_hit(ray, &projection, MESH_ARGUMENTS, &hit);
     return hit;
 }
 

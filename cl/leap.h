@@ -65,9 +65,10 @@ bool leave_cube(Axis *a, int ahead_a, double t, double stop, Axis *b, int ahead_
     return true;
 }
 
-// Leaves the empty cube around the cell's brick. False: by then the ray is out of the grid, or past `stop`.
+// Leaves the empty cube around the cell's brick, at t `left_at`. False: by then the ray is out of the grid,
+// or past `stop`.
 bool leap(__constant const GridParams *grid, const Ray *ray, int distance, double stop, Axis *x, Axis *y, Axis *z,
-          uint *cell)
+          uint *cell, double *left_at)
 {
     const int ax = ahead_in_cube(x, (int)grid->resolution[0], distance);
     const int ay = ahead_in_cube(y, (int)grid->resolution[1], distance);
@@ -78,6 +79,7 @@ bool leap(__constant const GridParams *grid, const Ray *ray, int distance, doubl
     const double x_per_t = fabs(ray->direction[0]) * grid->cells_per_unit[0];
     const double y_per_t = fabs(ray->direction[1]) * grid->cells_per_unit[1];
     const double z_per_t = fabs(ray->direction[2]) * grid->cells_per_unit[2];
+    *left_at = fmin(fmin(tx, ty), tz);
     if (tx < ty ? tx < tz : false)
         return leave_cube(x, ax, tx, stop, y, ay, y_per_t, z, az, z_per_t, cell);
     if (ty < tz)

@@ -80,9 +80,9 @@ bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_P
 #endif
 }
 
-// keep_nearest (triangle.h) over a list that is not empty, eight triangles at a time.
-void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *vertices,
-                          __global const uint *faces, List list, LIST_PARAMETERS, Hit *hit)
+// keep (triangle.h) over a list that is not empty, eight triangles at a time.
+void keep_of_list(const Ray *ray, const Projection *projection, MESH_PARAMETERS, List list, LIST_PARAMETERS,
+                  Hit *hit)
 {
     uint ids[8];
 #ifdef LAYOUT_LINKED_LIST
@@ -93,7 +93,7 @@ void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *
             ids[count] = triangles[node];
         for (uint i = count; i < 8; ++i)
             ids[i] = ids[count - 1];
-        keep_nearest_of_8(ray, s, vertices, faces, ids, count, hit);
+        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
     }
 #else
 #ifdef LAYOUT_DYNAMIC_ARRAY
@@ -105,7 +105,7 @@ void keep_nearest_of_list(const Ray *ray, const Shear *s, __global const float *
         const uint count = min(list.count - done, 8u);
         for (uint i = 0; i < 8; ++i)
             ids[i] = entries[done + (i < count ? i : count - 1)];
-        keep_nearest_of_8(ray, s, vertices, faces, ids, count, hit);
+        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
     }
 #endif
 }

@@ -1,12 +1,17 @@
 // Rays from and hits to host arrays, for every kernel that casts rays given as arrays.
 //   origins, directions   RAY_REAL (float or double), xyz packed
 //   t_bounds              double, t_min then t_max: one pair for all, or one a ray (PER_RAY_T)
+//   t_hit, ids            of each ray; inf and NO_HIT on a miss
+//   uvs, t_errs, certain  WITH_UVS, WITH_T_ERR, WITH_CERTAIN: what else is asked for (triangle.h)
 #ifndef CLG_RAYS_IN_OUT_H
 #define CLG_RAYS_IN_OUT_H
 #include "triangle.h"
 
-Ray load_ray(__global const RAY_REAL *origins, __global const RAY_REAL *directions,
-             __global const double *t_bounds, size_t i, __constant const FrameParams *frame)
+#define RAY_PARAMETERS \
+    __global const RAY_REAL *origins, __global const RAY_REAL *directions, __global const double *t_bounds
+#define RAY_ARGUMENTS origins, directions, t_bounds
+
+Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
 {
     double o[3], d[3];
     for (int a = 0; a < 3; ++a) {
@@ -20,13 +25,45 @@ Ray load_ray(__global const RAY_REAL *origins, __global const RAY_REAL *directio
 #endif
 }
 
-void store_hit(const Ray *ray, const Hit *hit, size_t i, __global double *t_hit, __global uint *ids,
-               __global float *uvs)
+#ifdef WITH_UVS
+#define UV_PARAMETER , __global real *uvs
+#define UV_ARGUMENT , uvs
+#else
+#define UV_PARAMETER
+#define UV_ARGUMENT
+#endif
+#ifdef WITH_T_ERR
+#define T_ERR_PARAMETER , __global double *t_errs
+#define T_ERR_ARGUMENT , t_errs
+#else
+#define T_ERR_PARAMETER
+#define T_ERR_ARGUMENT
+#endif
+#ifdef WITH_CERTAIN
+#define CERTAIN_PARAMETER , __global uchar *certain
+#define CERTAIN_ARGUMENT , certain
+#else
+#define CERTAIN_PARAMETER
+#define CERTAIN_ARGUMENT
+#endif
+#define HIT_PARAMETERS __global double *t_hit, __global uint *ids UV_PARAMETER T_ERR_PARAMETER CERTAIN_PARAMETER
+#define HIT_ARGUMENTS t_hit, ids UV_ARGUMENT T_ERR_ARGUMENT CERTAIN_ARGUMENT
+
+void store_hit(const Ray *ray, const Hit *hit, size_t i, HIT_PARAMETERS)
 {
-    t_hit[i] = hit->id == NO_HIT ? INFINITY : scene_t(ray, hit->t);
+    const bool missed = hit->id == NO_HIT;
+    t_hit[i] = missed ? INFINITY : reported_t(ray, &hit->meeting);
     ids[i] = hit->id;
+#ifdef WITH_UVS
     uvs[2 * i] = hit->u;
     uvs[2 * i + 1] = hit->v;
+#endif
+#ifdef WITH_T_ERR
+    t_errs[i] = missed ? 0.0 : hit->t_err;
+#endif
+#ifdef WITH_CERTAIN
+    certain[i] = missed || hit->meeting.certain ? 1 : 0;
+#endif
 }
 
 #endif

@@ -4,17 +4,20 @@
 //   normal   AOV_NORMAL: 3 floats, unit, on the viewer's side     is number (y - first_row) * width + x
 //   ids      AOV_ID: triangle, 0xFFFFFFFF on a miss
 //   steps    COUNT_STEPS: cells that the ray looked at
-//   nearest  PARTS: local t of the nearest hit in the parts before, inf at first; they left their pixels
+//   t_errs   WITH_T_ERR: bound on the error of t, in lengths of the ray, 0 on a miss
+//   nearest  PARTS: the nearest hit in the parts before (parts.h); they left their pixels
 #include "camera.h"
 #include "grid.h"
 #include "shade.h"
+#ifdef PARTS
+#include "parts.h"
+#endif
 
 #define TILE 8
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void render(__constant const CameraParams *camera, __constant const FrameParams *frame,
-                     GRID_PARAMETERS, __global const float *vertices,
-                     __global const uint *faces, uint first_row, uint row_count,
+                     GRID_PARAMETERS, MESH_PARAMETERS, uint first_row, uint row_count,
                      float background_r, float background_g, float background_b,
 #ifdef SMOOTH_NORMALS
                      __global const float *vertex_normals,
@@ -31,8 +34,11 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #ifdef COUNT_STEPS
                      __global uint *steps,
 #endif
+#ifdef WITH_T_ERR
+                     __global float *t_errs,
+#endif
 #ifdef PARTS
-                     __global float *nearest,
+                     __global real *nearest,
 #endif
                      __global float *rgba)
 {
@@ -49,17 +55,18 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             const Ray ray = prepare_ray(eye, view, 0.0, INFINITY, frame);
             const size_t pixel = (size_t)y * camera->width + x;
 #ifdef PARTS
-            const Hit hit = closest_hit(&ray, bound_of(nearest[pixel]), GRID_ARGUMENTS, vertices, faces);
+            __global real *bound = nearest + NEAREST_REALS * pixel;
+            const Hit hit = traverse(&ray, bound_of(bound), GRID_ARGUMENTS, MESH_ARGUMENTS);
 #else
-            const Hit hit = closest_hit(&ray, no_hit(), GRID_ARGUMENTS, vertices, faces);
+            const Hit hit = traverse(&ray, no_hit(), GRID_ARGUMENTS, MESH_ARGUMENTS);
 #endif
 #ifdef COUNT_STEPS
             steps[pixel] += hit.steps;
 #endif
 #ifdef PARTS
-            if (!(hit.t < nearest[pixel]))
+            if (!is_nearer(&hit, bound))
                 continue;
-            nearest[pixel] = hit.t;
+            store_nearest(&hit, bound);
 #endif
             float r = background_r, g = background_g, b = background_b, coverage = 0.0f;
             double normal[3] = {0.0, 0.0, 0.0};
@@ -78,7 +85,10 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             rgba[4 * pixel + 2] = b;
             rgba[4 * pixel + 3] = coverage;
 #ifdef AOV_DEPTH
-            depth[pixel] = hit.id == NO_HIT ? INFINITY : (float)scene_t(&ray, hit.t);
+            depth[pixel] = hit.id == NO_HIT ? INFINITY : (float)reported_t(&ray, &hit.meeting);
+#endif
+#ifdef WITH_T_ERR
+            t_errs[pixel] = hit.id == NO_HIT ? 0.0f : (float)hit.t_err;
 #endif
 #ifdef AOV_NORMAL
             for (int a = 0; a < 3; ++a)

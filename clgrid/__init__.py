@@ -10,8 +10,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from clgrid.brute import brute_force
     from clgrid.camera import Camera
-    from clgrid.cast import Hits, brute_force
     from clgrid.device import Device
     from clgrid.device import describe_all as devices
     from clgrid.errors import (
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         MeshError,
     )
     from clgrid.grid import Grid, build, predict
+    from clgrid.hits import AllHits, Hits
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
     from clgrid.renderer import render
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AllHits",
     "Camera",
     "ClgridError",
     "Device",
@@ -60,11 +62,12 @@ _HOMES = {
     "Camera": ("camera", "Camera"),
     "Device": ("device", "Device"),
     "Grid": ("grid", "Grid"),
-    "Hits": ("cast", "Hits"),
+    "AllHits": ("hits", "AllHits"),
+    "Hits": ("hits", "Hits"),
     "Image": ("image", "Image"),
     "Mesh": ("mesh", "Mesh"),
     "Scene": ("scene", "Scene"),
-    "brute_force": ("cast", "brute_force"),
+    "brute_force": ("brute", "brute_force"),
     "build": ("grid", "build"),
     "devices": ("device", "describe_all"),
     "load": ("mesh", "load"),

@@ -18,15 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid import cache, layouts, registration
-from clgrid.cast import GridPart, Rays, cast_closest
+from clgrid.cast import GridPart, cast_closest
 from clgrid.cost import Constants
 from clgrid.device import Device
 from clgrid.errors import ClgridError
+from clgrid.hits import COUNTERS
 from clgrid.layouts.planes import plane_params
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, terrain
 from clgrid.program import source_digest
+from clgrid.rays import Rays
 from clgrid.resolution import by_density
 from clgrid.target import DeviceMesh
 
@@ -211,7 +213,7 @@ class _Experiment:
         self.rays = view(mesh)
         # The first turn compiles, and counts.
         self._build()
-        hits = cast_closest(self.target, [self.part], self.rays, ("steps", "batches"))
+        hits = cast_closest(self.target, [self.part], self.rays, COUNTERS)
         self._cast()
         lists = self.part.lists
         self.built = (1.0, mesh.triangle_count, lists.reference_count, lists.cell_count)

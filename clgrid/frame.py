@@ -97,6 +97,33 @@ class LocalFrame:
                 np.multiply(moved[: len(part)], scale, out=local[start : start + _CHUNK], casting="same_kind")
         return local
 
+    def to_local_wide(self, vertices: FloatArray) -> npt.NDArray[np.float64]:
+        """Local float64 coordinates: exact, unless they are below 2**-1022.
+
+        An axis is only moved where that is exact for doubles too (Sterbenz 1974).
+
+        Parameters
+        ----------
+        vertices : (V, 3) float32 or float64
+            Scene units.
+        """
+        local = np.subtract(vertices, self.offset, dtype=np.float64)
+        with np.errstate(under="ignore", over="ignore", invalid="ignore"):
+            local *= 2.0**-self.exponent
+        return local
+
+    def holds(self, vertices: FloatArray, local: npt.NDArray[np.float32]) -> bool:
+        """Whether the float32 ``local`` coordinates are the vertices' own, without rounding."""
+        with np.errstate(invalid="ignore"):
+            return all(
+                np.array_equal(
+                    self.to_local_wide(vertices[start : start + _CHUNK]),
+                    local[start : start + _CHUNK],
+                    equal_nan=True,
+                )
+                for start in range(0, len(vertices), _CHUNK)
+            )
+
     def max_rounding(self, mesh: Mesh) -> float:
         """Largest change, in scene units, that a used coordinate suffers on its way to local."""
         worst = 0.0

@@ -1,8 +1,8 @@
 """Pictures: float arrays with named channel groups, written to EXR and PNG and read back.
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
-(primitive_id geometry_id), ``steps``. Ids and steps are UINT32 parts filled from integers: through float
-buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
+(primitive_id geometry_id), ``steps``, ``t_err``. Ids and steps are UINT32 parts filled from integers:
+through float buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("normal", np.float32, ("N.X", "N.Y", "N.Z")),
     ("id", np.uint32, ("primitive_id", "geometry_id")),
     ("steps", np.uint32, ("steps",)),
+    ("t_err", np.float32, ("t_err",)),
 )
 # OpenImageIO's names; it takes a name that it does not know, such as "float32", for half floats.
 _OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
@@ -52,6 +53,9 @@ class Image:
         Triangle and geometry hit; 0xFFFFFFFF on the background.
     steps : (h, w) uint32 or None
         Cells that the pixel's ray looked at.
+    t_err : (h, w) float32 or None
+        Bound on the error of the distance along the ray, in lengths of its direction, whose component along
+        the view axis is 1; 0 on the background.
     metadata : dict
         Text, numbers and (4, 4) matrices: attributes of an EXR, lines of a PNG's description.
     """
@@ -62,6 +66,7 @@ class Image:
     primitive_id: npt.NDArray[np.uint32] | None = None
     geometry_id: npt.NDArray[np.uint32] | None = None
     steps: npt.NDArray[np.uint32] | None = None
+    t_err: npt.NDArray[np.float32] | None = None
     metadata: dict[str, Attribute] = field(default_factory=dict)
 
     @property
@@ -112,6 +117,7 @@ class Image:
             "normal": self.normal,
             "id": ids,
             "steps": self.steps,
+            "t_err": self.t_err,
         }
         parts = []
         for name, dtype, channels in _PARTS:
@@ -186,6 +192,7 @@ def read_image(path: str | Path) -> Image:
         primitive_id=None if ids is None else ids[..., 0],
         geometry_id=None if ids is None else ids[..., 1],
         steps=found["steps"][..., 0] if "steps" in found else None,
+        t_err=found["t_err"][..., 0] if "t_err" in found else None,
         metadata=metadata,
     )
 

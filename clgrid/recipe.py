@@ -17,9 +17,9 @@ from clgrid.layouts import LAYOUTS
 from clgrid.layouts.planes import plane_params
 from clgrid.mesh import Mesh
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
+from clgrid.rungs import ACCURACIES
 from clgrid.target import MeshPart
 
-ACCURACIES = ("robust",)
 AUTO = "auto"
 
 Made = TypeVar("Made")

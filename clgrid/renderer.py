@@ -25,7 +25,7 @@ from clgrid.program import kernel
 from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
 
-AOVS = ("depth", "normal", "id", "steps")
+AOVS = ("depth", "normal", "id", "steps", "t_err")
 DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
 
 _TILE = 8  # as in cl/render.cl
@@ -60,7 +60,7 @@ def render(
         By default a three-quarter view of the whole scene.
     width, height : int
         Pixels.
-    aovs : sequence of {"depth", "normal", "id", "steps"}
+    aovs : sequence of {"depth", "normal", "id", "steps", "t_err"}
         Further channel groups of the image.
     grid : Grid, optional
         Of this very mesh; by default one is built with ``build_options``.
@@ -98,16 +98,16 @@ def render(
     if image.primitive_id is not None:
         image.geometry_id = _geometry_ids(mesh, image.primitive_id)
     seconds = time.perf_counter() - start
-    image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs), seconds)
+    image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs) | grid.rung.defines, seconds)
     return image
 
 
 def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
     """Return the ``-D`` options with which cl/render.cl is compiled: only what is asked for."""
-    macros = {**{name: f"AOV_{name.upper()}" for name in AOVS}, "steps": "COUNT_STEPS"}
+    macros = {**{name: f"AOV_{name.upper()}" for name in AOVS}, "steps": "COUNT_STEPS", "t_err": "WITH_T_ERR"}
     options: dict[str, int | str] = {macros[name]: 1 for name in AOVS if name in aovs}
     if mesh.vertex_normals is not None:
-        options["SMOOTH_NORMALS"] = 1
+        options |= {"SMOOTH_NORMALS": 1, "WITH_UVS": 1}
     return options
 
 
@@ -167,6 +167,7 @@ def _blank(width: int, height: int, aovs: Sequence[str], background: Sequence[fl
         normal=np.zeros((height, width, 3), np.float32) if "normal" in aovs else None,
         primitive_id=np.full((height, width), NO_ID, np.uint32) if "id" in aovs else None,
         steps=np.zeros((height, width), np.uint32) if "steps" in aovs else None,
+        t_err=np.zeros((height, width), np.float32) if "t_err" in aovs else None,
     )
 
 
@@ -175,14 +176,17 @@ def _draw(
 ) -> None:
     device, mesh, parts = grid.device, grid.mesh, grid.standing
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
-    options = {**kernel_options(mesh, aovs), **part_defines(parts)}
+    rung = grid.rung
+    options = {**kernel_options(mesh, aovs), **part_defines(parts), **rung.defines}
     allocator = Allocator(device)
     inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]
     colour = [np.float32(value) for value in background]
     normals = [] if mesh.vertex_normals is None else [allocator.share(mesh.vertex_normals)]
     arrays = [array for _, array in _aov_arrays(image) if array is not None]
     if len(parts) > 1:
-        arrays.append(np.full((image.height, image.width), np.inf, np.float32))
+        nearest = np.zeros((image.height, image.width, rung.nearest_reals), rung.real)
+        nearest[..., 0] = np.inf
+        arrays.append(nearest)
     arrays.append(image.rgba)
     tiles_across = -(-image.width // _TILE)
     for first, last in _bands(image.width, image.height, device, watched=progress is not None):
@@ -190,7 +194,7 @@ def _draw(
         outputs = [allocator.results(piece) for piece in pieces]
         tiles = tiles_across * -(-(last - first) // _TILE)
         for part in parts:
-            draw = kernel(device, "render.cl", "render", **options, **part.lists.defines)
+            draw = kernel(device, "render.cl", "render", **options, **part.defines)
             draw(
                 device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
                 np.uint32(last - first), *colour, *normals, *outputs,
@@ -208,6 +212,7 @@ def _aov_arrays(image: Image) -> list[tuple[str, npt.NDArray[Any] | None]]:
         ("normal", image.normal),
         ("id", image.primitive_id),
         ("steps", image.steps),
+        ("t_err", image.t_err),
     ]
 
 

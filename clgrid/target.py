@@ -12,6 +12,7 @@ from clgrid.device import Device
 from clgrid.frame import LocalFrame
 from clgrid.memory import Allocator, largest_buffer
 from clgrid.mesh import Mesh
+from clgrid.rungs import RUNGS, Rung
 
 _CHUNK = 1 << 20
 
@@ -28,6 +29,8 @@ class MeshPart:
         Local coordinates, and one float to spare: the build reads vertices four floats at a time.
     faces : buffer of 3 count uint32
     local_bounds : (2, 3) float64
+    wide_vertices : buffer of float64, optional
+        The same coordinates, where float32 does not hold them and the rung keeps them.
     """
 
     first: int
@@ -35,6 +38,18 @@ class MeshPart:
     vertices: Any
     faces: Any
     local_bounds: npt.NDArray[np.float64]
+    wide_vertices: Any = None
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The kernel arguments of MESH_PARAMETERS in cl/mesh.h."""
+        wide = [] if self.wide_vertices is None else [self.wide_vertices]
+        return [self.vertices, self.faces, *wide]
+
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """The options with which kernels that test its triangles are compiled."""
+        return {} if self.wide_vertices is None else {"WIDE_VERTICES": 1}
 
 
 class DeviceMesh:
@@ -46,13 +61,19 @@ class DeviceMesh:
         With at least one triangle.
     device : Device
     allocator : Allocator
+    rung : Rung
+        What is to be cast through it.
     """
 
-    def __init__(self, mesh: Mesh, device: Device, allocator: Allocator) -> None:
+    def __init__(
+        self, mesh: Mesh, device: Device, allocator: Allocator, rung: Rung = RUNGS["robust"]
+    ) -> None:
         self.mesh = mesh
         self.device = device
+        self.rung = rung
         self._allocator = allocator
         self._local = np.zeros(mesh.vertices.size + 1, np.float32)
+        self._wide: npt.NDArray[np.float64] | None = None
         self._enter_frame(mesh)
         self._whole: MeshPart | None = None
 
@@ -62,8 +83,16 @@ class DeviceMesh:
         self.frame_params = self._allocator.upload(self.frame.params())
 
     def _write_local(self, out: npt.NDArray[np.float32]) -> None:
-        self.frame.to_local(self.mesh.vertices, out[:-1].reshape(-1, 3))
+        local = out[:-1].reshape(-1, 3)
+        self.frame.to_local(self.mesh.vertices, local)
         out[-1] = 0
+        if self.rung.wide and not self.frame.holds(self.mesh.vertices, local):
+            self._wide = self.frame.to_local_wide(self.mesh.vertices)
+        else:
+            self._wide = None
+
+    def _share_wide(self, wide: npt.NDArray[np.float64] | None) -> Any:
+        return None if wide is None else self._allocator.share(wide)
 
     @property
     def whole(self) -> MeshPart:
@@ -82,6 +111,7 @@ class DeviceMesh:
                 self._allocator.share(self._local),
                 self._allocator.share(np.ascontiguousarray(self.mesh.faces)),
                 self.frame.to_local(self.mesh.bounds).astype(np.float64),
+                self._share_wide(self._wide),
             )
         return self._whole
 
@@ -96,16 +126,18 @@ class DeviceMesh:
 
     def _part(self, first: int, last: int) -> MeshPart:
         faces = self.mesh.faces[first:last]
-        local = self._local
-        if local.nbytes > largest_buffer(self.device):
+        local, wide = self._local, self._wide
+        if max(local.nbytes, 0 if wide is None else wide.nbytes) > largest_buffer(self.device):
             # Only the vertices that this part uses.
             used, inverse = np.unique(faces, return_inverse=True)
             faces = inverse.reshape(-1, 3).astype(np.uint32)
             local = np.zeros(3 * len(used) + 1, np.float32)
             local[:-1] = self._local[:-1].reshape(-1, 3)[used].reshape(-1)
+            wide = None if wide is None else wide[used]
         bounds = _bounds(local[:-1].reshape(-1, 3), faces)
         share = self._allocator.share
-        return MeshPart(first, last - first, share(local), share(np.ascontiguousarray(faces)), bounds)
+        buffers = share(local), share(np.ascontiguousarray(faces))
+        return MeshPart(first, last - first, *buffers, bounds, self._share_wide(wide))
 
     def move(self, mesh: Mesh) -> None:
         """Take the vertices of a mesh with the same faces; in place where the mesh is one part."""
@@ -120,7 +152,8 @@ class DeviceMesh:
         self._write_local(mapped)
         mapped.base.release(queue)
         bounds = self.frame.to_local(mesh.bounds).astype(np.float64)
-        self._whole = MeshPart(0, mesh.triangle_count, vertices, self._whole.faces, bounds)
+        wide = self._share_wide(self._wide)
+        self._whole = MeshPart(0, mesh.triangle_count, vertices, self._whole.faces, bounds, wide)
 
 
 def _bounds(local: npt.NDArray[np.float32], faces: npt.NDArray[np.uint32]) -> npt.NDArray[np.float64]:

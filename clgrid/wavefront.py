@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.camera import Camera
-from clgrid.cast import Hits
 from clgrid.errors import InputError
+from clgrid.hits import Hits
 from clgrid.mesh import Mesh
 
 Vectors = npt.NDArray[np.float64]

@@ -12,23 +12,23 @@ import numpy.typing as npt
 
 from clgrid import record
 from clgrid.bench import Work, each, rate
+from clgrid.brute import brute_force
 from clgrid.camera import Camera
-from clgrid.cast import Hits, brute_force
 from clgrid.device import Device
 from clgrid.grid import Grid
+from clgrid.hits import Hits
 from clgrid.record import RayKind, WorkloadRecord, WorkloadRow
+from clgrid.rungs import LOSSLESS
 from clgrid.scene import Scene, load_scene
 from clgrid.wavefront import Batch, Vectors, Workload, batches
-
-# Rungs that promise the bits of brute force: a difference is then an error, not a figure.
-LOSSLESS = ("robust",)
 
 
 def bit_rows(hits: Hits, rows: npt.NDArray[np.int64] | slice = slice(None)) -> npt.NDArray[np.uint64]:
     """(N, 4) uint64: the bits of t, id, u and v of the chosen rays, so that equal rows are equal answers."""
-    uvs = np.ascontiguousarray(hits.primitive_uvs[rows]).view(np.uint32)
+    uvs = np.ascontiguousarray(hits.primitive_uvs[rows])
+    bits = uvs.view(np.uint32 if uvs.dtype == np.float32 else np.uint64)
     ids = hits.primitive_ids[rows].view(np.uint64)
-    return np.stack([hits.t_hit[rows].view(np.uint64), ids, uvs[:, 0], uvs[:, 1]], axis=-1)
+    return np.stack([hits.t_hit[rows].view(np.uint64), ids, bits[:, 0], bits[:, 1]], axis=-1)
 
 
 def even_parts(sizes: Sequence[int], total: int) -> list[int]:
@@ -130,7 +130,10 @@ class Survey:
             return 0, 0
         parts = [part.first(size) for part, size in zip(self._sample, sizes, strict=True)]
         origins, directions, t_max, found = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        truth = brute_force(self.grid.mesh, origins, directions, t_max=t_max, device=self.grid.device)
+        grid = self.grid
+        truth = brute_force(
+            grid.mesh, origins, directions, t_max=t_max, device=grid.device, accuracy=grid.accuracy
+        )
         return len(found), int(np.count_nonzero((found != bit_rows(truth)).any(axis=-1)))
 
     def row(self, scene: Scene, view: Camera, work: Work, workload: Workload) -> WorkloadRow:

@@ -14,10 +14,11 @@ from scenes import scene
 
 import clgrid
 from clgrid import procedural
-from clgrid.cast import Hits, brute_force
+from clgrid.brute import brute_force
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import build
+from clgrid.hits import Hits
 from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 

@@ -11,11 +11,11 @@ from scenes import scene
 
 import clgrid
 from clgrid import calibrate, cost
-from clgrid.cast import FIELDS
 from clgrid.device import Device
 from clgrid.errors import GridTooLargeError, InputError
 from clgrid.estimate import Work, estimate, estimate_nbytes, sample
 from clgrid.grid import build, predict
+from clgrid.hits import COUNTERS as FIELDS
 from clgrid.mesh import Mesh
 from clgrid.procedural import demo, icosphere, terrain
 from clgrid.recipe import Options

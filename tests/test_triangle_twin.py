@@ -21,9 +21,10 @@ from oracle import (
 from rays import Rays, lattice_meshes, lattice_rays, mixed
 
 from clgrid import procedural
-from clgrid.cast import Hits, brute_force
+from clgrid.brute import brute_force
 from clgrid.device import Device
 from clgrid.frame import LocalFrame
+from clgrid.hits import Hits
 from clgrid.mesh import Mesh
 
 HIT_ERROR = 26.0  # of cl/config.h, in units of 2^-24

@@ -11,9 +11,9 @@ import clgrid
 from clgrid import workload as module
 from clgrid.bench import Work
 from clgrid.camera import Camera
-from clgrid.cast import Hits
 from clgrid.cli import main
 from clgrid.errors import InputError
+from clgrid.hits import Hits
 from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, terrain
@@ -75,6 +75,8 @@ def changed(hits: Hits, field: str, where: int) -> Hits:
     flat[where] = (
         flat[where] + 1 if field == "primitive_ids" else np.nextafter(flat[where], flat.dtype.type(9))
     )
+    if field in hits.computed:
+        return replace(hits, computed={**hits.computed, field: values})
     return replace(hits, **{field: values})
 
 
@@ -322,9 +324,11 @@ def test_one_changed_bit_is_a_difference(device, monkeypatch, field):
 
 def test_bits_count_and_not_values(device):
     hits = clgrid.build(icosphere(1), device=device).cast(np.zeros((2, 3)), [[1, 0, 0], [0, 0, 1]])
-    negative = replace(hits, primitive_uvs=np.where(hits.primitive_uvs == 0, -0.0, hits.primitive_uvs))
-    zero = replace(hits, primitive_uvs=np.zeros_like(hits.primitive_uvs))
-    minus = replace(hits, primitive_uvs=np.full_like(hits.primitive_uvs, -0.0))
+    uvs = hits.primitive_uvs
+    negative, zero, minus = (
+        replace(hits, computed={"primitive_uvs": np.asarray(values, np.float32)})
+        for values in (np.where(uvs == 0, -0.0, uvs), np.zeros_like(uvs), np.full_like(uvs, -0.0))
+    )
     assert bit_rows(hits).shape == (2, 4)
     assert np.array_equal(bit_rows(negative)[:, :2], bit_rows(hits)[:, :2])
     assert (bit_rows(zero) != bit_rows(minus)).any(axis=1).all()

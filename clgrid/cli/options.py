@@ -34,7 +34,9 @@ Resolution = Annotated[
     str,
     typer.Option(metavar="XxYxZ", help="Cells along each axis, instead of a density.", rich_help_panel=GRID),
 ]
-Accuracy = Annotated[str, typer.Option(help="Rung of the accuracy ladder: robust.", rich_help_panel=GRID)]
+Accuracy = Annotated[
+    str, typer.Option(help="Rung of the accuracy ladder: robust, precise, exact.", rich_help_panel=GRID)
+]
 DeviceName = Annotated[
     str | None,
     typer.Option(

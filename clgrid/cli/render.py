@@ -35,7 +35,7 @@ Aov = Annotated[
     str,
     typer.Option(
         metavar="NAMES",
-        help="Further parts of the .exr: depth,normal,id,steps.",
+        help="Further parts of the .exr: depth,normal,id,steps,t_err.",
         rich_help_panel=options.PICTURE,
         show_default=False,
     ),

@@ -1,0 +1,23 @@
+// How many triangles rays given as arrays (rays_in_out.h) meet. One work-item casts a chunk of rays.
+//   invalid[chunk]    rays of the chunk that have no direction or are not finite
+//   counts[ray]       is added to, part after part
+//   OPEN_START        rung `exact`: the ray's start is moved by an infinitesimal, and no interval asked
+#define QUERY_COUNT
+#include "grid.h"
+#include "rays_in_out.h"
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void count_hits(__constant const FrameParams *frame, GRID_PARAMETERS, MESH_PARAMETERS, RAY_PARAMETERS,
+                         uint ray_count, uint chunk_size, __global uint *invalid, __global uint *counts)
+{
+    const uint chunk = get_global_id(0);
+    const uint begin = chunk * chunk_size;
+    const uint end = min(begin + chunk_size, ray_count);
+    uint rejected = 0;
+    for (uint i = begin; i < end; ++i) {
+        const Ray ray = load_ray(i, frame, RAY_ARGUMENTS);
+        rejected += ray.valid ? 0 : 1;
+        counts[i] += traverse(&ray, no_hit(), GRID_ARGUMENTS, MESH_ARGUMENTS).count;
+    }
+    invalid[chunk] = rejected;
+}

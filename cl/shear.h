@@ -1,0 +1,67 @@
+// The shear that makes the ray the z axis: Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection".
+// In float32; and the filter by it, eight triangles at once.
+#ifndef CLG_SHEAR_H
+#define CLG_SHEAR_H
+#include "ray.h"
+
+typedef struct {
+    int kx, ky, kz;          // axes; kz is the direction's largest
+    float ox, oy, oz;        // origin, permuted
+    float sx, sy, sz;        // shear of x, y and scale of z, each correctly rounded
+} Shear;
+
+Shear shear_of(const float *origin, const float *direction)
+{
+    Shear s;
+    const float x = fabs(direction[0]), y = fabs(direction[1]), z = fabs(direction[2]);
+    s.kz = x >= y ? (x >= z ? 0 : 2) : (y >= z ? 1 : 2);
+    s.kx = s.kz == 2 ? 0 : s.kz + 1;
+    s.ky = s.kx == 2 ? 0 : s.kx + 1;
+    // Keeps the winding of the projected triangle, whichever way the ray looks.
+    if (direction[s.kz] < 0.0f) {
+        const int swap = s.kx;
+        s.kx = s.ky;
+        s.ky = swap;
+    }
+    s.ox = origin[s.kx];
+    s.oy = origin[s.ky];
+    s.oz = origin[s.kz];
+    // Through float64: correctly rounded also where the device's float32 division is not.
+    const double dz = direction[s.kz];
+    s.sx = (float)((double)direction[s.kx] / dz);
+    s.sy = (float)((double)direction[s.ky] / dz);
+    s.sz = (float)(1.0 / dz);
+    return s;
+}
+
+// How far below zero an edge function must be for its sign to count, by the largest sheared coordinate.
+// Wide rungs: the sheared triangle is off by what rounding to float32 does to ray, vertices and shear
+// (docs/numerics.md, "The filter"). `robust` decides by the very same float32 operations: no doubt.
+#ifdef WIDE_RAYS
+#define DOUBT_OF_FILTER(reach) ((reach) * (float)(100 * UNIT_ROUNDOFF) + 0x1p-38f)
+#endif
+
+// Eight triangles at once: -1 in the lanes that the edge functions do not rule out. The same float32
+// operations as in the test of one, so that no lane is ruled out that the test would take.
+int8 candidates(const Shear *s, float8 akx, float8 aky, float8 akz, float8 bkx, float8 bky, float8 bkz,
+                float8 ckx, float8 cky, float8 ckz)
+{
+    const float8 az = akz - s->oz, bz = bkz - s->oz, cz = ckz - s->oz;
+    const float8 ax = (akx - s->ox) - s->sx * az, ay = (aky - s->oy) - s->sy * az;
+    const float8 bx = (bkx - s->ox) - s->sx * bz, by = (bky - s->oy) - s->sy * bz;
+    const float8 cx = (ckx - s->ox) - s->sx * cz, cy = (cky - s->oy) - s->sy * cz;
+    const float8 u = cx * by - cy * bx;
+    const float8 v = ax * cy - ay * cx;
+    const float8 w = bx * ay - by * ax;
+#ifdef WIDE_RAYS
+    const float8 doubt = DOUBT_OF_FILTER(fmax(fmax(fmax(fabs(ax), fabs(ay)), fmax(fabs(bx), fabs(by))),
+                                              fmax(fabs(cx), fabs(cy))));
+#else
+    const float doubt = 0.0f;
+#endif
+    const int8 negative = (u < -doubt) | (v < -doubt) | (w < -doubt);
+    const int8 positive = (u > doubt) | (v > doubt) | (w > doubt);
+    return ~(negative & positive);
+}
+
+#endif

@@ -1,0 +1,117 @@
+// Rung `precise`: the test of triangle_robust.h with vertices, rays and arithmetic in float64. The signs of
+// the edge functions are exact: a computed sign is right because rounding is monotone, and what may be zero is
+// decided with what rounding took from the products (pair.h), or, where those underflow, by integers.
+#ifndef CLG_TRIANGLE_PRECISE_H
+#define CLG_TRIANGLE_PRECISE_H
+#include "big.h"
+#include "t_error.h"
+#include "wide_shear.h"
+
+// Products below this may have lost digits to underflow.
+#define SMALLEST_PRODUCT 0x1p-900
+
+typedef struct {
+    double t;
+} Meeting;
+
+// p q - r s with the exact sign, and a relative error of some 2^-51, unless it is below 2^-1000.
+// Factors are at most 8.
+double difference_of_products(double p, double q, double r, double s)
+{
+    const bool left = p != 0.0 && q != 0.0, right = r != 0.0 && s != 0.0;
+    if (!left || !right)
+        return left || right ? p * q - r * s + 0x1p-1074 * (left ? sign(p) * sign(q) : -sign(r) * sign(s)) : 0.0;
+    const Pair a = two_product(p, q), b = two_product(r, s);
+    if (fabs(a.high) < SMALLEST_PRODUCT || fabs(b.high) < SMALLEST_PRODUCT)
+        return a.high != b.high ? a.high - b.high : 0x1p-1074 * compare_products(p, q, r, s);
+    // a.high - b.high is exact where the low parts count.
+    const Pair high = two_sum(a.high, -b.high), low = two_sum(a.low, -b.low);
+    const Pair sum = two_sum(high.high, low.high);
+    return sum.high + (sum.low + (high.low + low.low));
+}
+
+// t and, if it is not null, `weights` of the second and third vertex and the edge functions' sum, of a
+// hit whose edge functions u, v, w do not rule it out. False: no hit after all.
+bool finish_hit(const Projection *s, const Sheared *p, double u, double v, double w, double *t, double *weights)
+{
+    const double reach = reach_of(p);
+    const bool slender = fabs((u + v) + w) < 2.0 * reach * reach * reach;
+    double scale = 1.0;
+    if (slender || fmin(fmin(fabs(u), fabs(v)), fabs(w)) < SMALLEST_PRODUCT) {
+        if (reach == 0.0)
+            return false;
+        scale = power_of_two(-clamp(exponent_above(reach), -1020, 0));  // up alone: exact
+        const double ax = p->ax * scale, bx = p->bx * scale, cx = p->cx * scale;
+        const double ay = p->ay * scale, by = p->by * scale, cy = p->cy * scale;
+        u = difference_of_products(cx, by, cy, bx);
+        v = difference_of_products(ax, cy, ay, cx);
+        w = difference_of_products(bx, ay, by, ax);
+        if (signs_differ(u, v, w, 0.0))
+            return false;
+    }
+    const double det = (u + v) + w;
+    if (det == 0.0)
+        return false;
+    *t = ((u / det * p->az + v / det * p->bz) + w / det * p->cz) * s->sz;
+    if (weights) {
+        weights[0] = v / det;
+        weights[1] = w / det;
+        weights[2] = det / scale / scale;
+    }
+    return true;
+}
+
+bool intersect_triangle(const Projection *s, const Sheared *p, double *t, double *weights)
+{
+    const double u = p->cx * p->by - p->cy * p->bx;
+    const double v = p->ax * p->cy - p->ay * p->cx;
+    const double w = p->bx * p->ay - p->by * p->ax;
+    if (signs_differ(u, v, w, 0.0))
+        return false;
+    return finish_hit(s, p, u, v, w, t, weights);
+}
+
+// Whether the ray's line meets the triangle, and where; an accepted t is within neither interval nor order.
+bool meet(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, Meeting *meeting)
+{
+    const Corners corners = corners_of(id, MESH_ARGUMENTS);
+    const Sheared p = shear_triangle(s, &corners);
+    return intersect_triangle(s, &p, &meeting->t, 0);
+}
+
+bool within(const Ray *ray, const Meeting *meeting)
+{
+    return within_interval(ray, meeting->t);
+}
+
+// Whether the meeting with triangle `id` comes before that with `other`: ties go to the lowest id.
+bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
+{
+    return meeting->t < best->t || (meeting->t == best->t && id < other);
+}
+
+double reported_t(const Ray *ray, const Meeting *meeting)
+{
+    return scene_t(ray, meeting->t);
+}
+
+// Of a hit: the weights of the second and third vertex, from the same arithmetic that accepted it, and the
+// error of its t if that is not null.
+void describe(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, const Meeting *meeting, real *weights,
+              double *t_err)
+{
+    const Corners corners = corners_of(id, MESH_ARGUMENTS);
+    const Sheared p = shear_triangle(s, &corners);
+    double t, exact[3];
+    if (!intersect_triangle(s, &p, &t, exact))
+        return;
+    weights[0] = exact[0];
+    weights[1] = exact[1];
+    if (t_err) {
+        const Crossing crossing = {{p.ax, p.bx, p.cx}, {p.ay, p.by, p.cy}, {p.az, p.bz, p.cz}, exact[2], t, s->sz};
+        const double unit = 0x1p-53, moved = 0x1p-96 * fabs(ray->t_entry);
+        *t_err = scene_t_error(ray, t, t_error(&crossing, unit + moved, 24 * unit + 2 * moved, 64 * unit + 2 * moved));
+    }
+}
+
+#endif
