@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid import cast as casting
-from clgrid import cost, layouts
+from clgrid import cost, layouts, selftest
 from clgrid.cast import GridPart
 from clgrid.cast_all import cast_all
 from clgrid.closed import open_edges
@@ -426,19 +426,22 @@ def build(
         If the grid, or with "auto" every grid, would exceed ``max_memory``, the device, or 32-bit indices;
         says the bytes.
     DeviceError
-        If there is no usable device.
+        If there is no usable device, or it fails the self-test of the accuracy.
     """
     asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays)
     chosen = device if isinstance(device, Device) else choose(device)
-
-    def attempt(recipe: Recipe) -> Grid:
-        grid = Grid(mesh, chosen, recipe)
-        if mesh.triangle_count:
-            grid._build()
-        return grid
-
-    grid, choice = asked.first_that_fits(mesh, chosen, attempt)
+    if mesh.triangle_count:
+        tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
+        selftest.require(chosen, RUNGS[accuracy], lambda ball: _made(ball, chosen, tested))
+    grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: _made(mesh, chosen, recipe))
     grid.choice = choice
+    return grid
+
+
+def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+    grid = Grid(mesh, device, recipe)
+    if mesh.triangle_count:
+        grid._build()
     return grid
 
 
