@@ -3,7 +3,7 @@
 //   counts[ray]       all of its hits, also those for which there was no room
 //   invalid[chunk]    rays of the chunk that have no direction or are not finite
 #define QUERY_ALL
-#ifdef RUNG_EXACT
+#if defined(RUNG_EXACT) && !defined(WITH_T_ERR)
 #define WITH_T_ERR
 #endif
 #include "grid.h"

@@ -26,8 +26,8 @@ double t_error(const Crossing *c, double unit, double aside, double late)
     const double bx = c->x[1] - c->x[0], cx = c->x[2] - c->x[0];
     const double by = c->y[1] - c->y[0], cy = c->y[2] - c->y[0];
     const double along = fabs(bz * cy - cz * by) + fabs(cz * bx - bz * cx)
-                         + (300 * unit * (reach + depth) + 4096 * unit * unit);
-    const double across = fabs(c->det) - (450 * unit * reach + 4096 * unit * unit);
+                         + (400 * unit * (reach + depth) + 8192 * unit * unit);
+    const double across = fabs(c->det) - (450 * unit * reach + 8192 * unit * unit);
     double off = extent;
     if (across > 0.0) {
         const double slide = fabs(c->z_scale) * (aside * (along / across));
@@ -39,7 +39,7 @@ double t_error(const Crossing *c, double unit, double aside, double late)
 // The same for the t that is reported, in the caller's lengths.
 double scene_t_error(const Ray *ray, double t, double error)
 {
-    return (error + 0x1p-51 * fabs(ray->t_entry + t)) * ray->t_unit * (1.0 + 0x1p-40);
+    return (error + 0x1p-51 * fabs(ray->t_entry + t)) * ray->t_unit * (1.0 + 0x1p-40) + 0x1p-1074;
 }
 
 #endif

@@ -17,6 +17,7 @@ _LARGEST_EXPONENT = 900
 _CHUNK = 1 << 13
 # float32 holds two to this power and its inverse.
 _FLOAT_EXPONENT = 126
+_SMALLEST_NORMAL = np.float32(2.0**-126)
 
 
 @dataclass(frozen=True)
@@ -114,15 +115,16 @@ class LocalFrame:
 
     def holds(self, vertices: FloatArray, local: npt.NDArray[np.float32]) -> bool:
         """Whether the float32 ``local`` coordinates are the vertices' own, without rounding."""
-        with np.errstate(invalid="ignore"):
-            return all(
-                np.array_equal(
-                    self.to_local_wide(vertices[start : start + _CHUNK]),
-                    local[start : start + _CHUNK],
-                    equal_nan=True,
-                )
-                for start in range(0, len(vertices), _CHUNK)
-            )
+        return all(
+            self._holds(vertices[start : start + _CHUNK], local[start : start + _CHUNK])
+            for start in range(0, len(vertices), _CHUNK)
+        )
+
+    def _holds(self, vertices: FloatArray, local: npt.NDArray[np.float32]) -> bool:
+        # float32 vertices are rounded only where they underflow.
+        if vertices.dtype == np.float32 and bool((np.abs(local) >= _SMALLEST_NORMAL).all()):
+            return True
+        return np.array_equal(self.to_local_wide(vertices), local, equal_nan=True)
 
     def max_rounding(self, mesh: Mesh) -> float:
         """Largest change, in scene units, that a used coordinate suffers on its way to local."""
