@@ -88,7 +88,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             depth[pixel] = hit.id == NO_HIT ? INFINITY : (float)reported_t(&ray, &hit.meeting);
 #endif
 #ifdef WITH_T_ERR
-            t_errs[pixel] = hit.id == NO_HIT ? 0.0f : (float)hit.t_err;
+            t_errs[pixel] = hit.id == NO_HIT ? 0.0f : (float)(hit.t_err * (1.0 + 0x1p-22));  // not rounded down
 #endif
 #ifdef AOV_NORMAL
             for (int a = 0; a < 3; ++a)

@@ -113,6 +113,11 @@ class Device:
             If it cannot, with the reason and the command that cures it.
         """
         self._refuse_fork()
+        if not self.description.fp64:
+            raise DeviceError(
+                f"{self.description.label}: no double precision (cl_khr_fp64), which every rung of accuracy,"
+                " robust and fast too, needs for planes and rays; name a device with fp64: clgrid devices"
+            )
         with self._lock:
             if not self._checked:
                 outcome = usable(self.description)

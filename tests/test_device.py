@@ -197,6 +197,12 @@ def test_a_named_device_that_cannot_link_is_refused_before_its_first_build(prete
         devices.choose("pocl-3.0").require_usable()
 
 
+def test_a_device_without_fp64_is_refused_by_name(pretend: Pretend) -> None:
+    pretend([replace(POCL30, fp64=False)])
+    with pytest.raises(DeviceError, match=r"pocl-3\.0: no double precision .* name a device with fp64"):
+        devices.choose("pocl-3.0").require_usable()
+
+
 def test_a_device_is_made_once(device: Device) -> None:
     assert devices.choose(device.label) is device
     assert devices.choose(str(device.description.index)) is device
