@@ -63,7 +63,7 @@ def mesh() -> Mesh:
 
 
 def rays(of: Mesh) -> tuple[F64, F64]:
-    """(N, 3) origins and directions: from within the mesh, exactly at its vertices and points of its edges."""
+    """(N, 3) origins and directions: from within the mesh, exactly at its vertices and at points of edges."""
     corners = of.vertices[of.faces].astype(np.float64)
     a, b = (corners[:, turn].reshape(-1, 3) for turn in ((0, 1, 2), (1, 2, 0)))
     # Each edge twice, from both of its triangles.
