@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from clgrid import device, pocl, probe, registration
+from clgrid import device, pocl, probe, registration, selftest
 from clgrid.description import Description, matching
 from clgrid.errors import DeviceError
+from clgrid.rungs import LOSSLESS
 
 Status = Literal["ok", "warn", "fail"]
 
@@ -33,7 +34,7 @@ class Finding:
     ----------
     check : str
         What was looked at: ``pyopencl``, ``icd``, ``intel``, ``platforms``, ``compile``,
-        ``processor``, ``fp64``, ``allocation``, ``cache``, ``default``.
+        ``processor``, ``fp64``, ``allocation``, ``selftest``, ``cache``, ``default``.
     status : {"ok", "warn", "fail"}
         ``fail`` where it keeps a device from working.
     device : str or None
@@ -100,6 +101,7 @@ def examine(selector: str | None = None) -> Report:
         findings += [compiled, *_abilities(description)]
         if compiled.status != "fail" and description.fp64:
             usable.append(description.label)
+            findings += _selftest(description)
     choice, default = _default()
     return Report((*findings, choice), tuple(usable), default)
 
@@ -231,6 +233,24 @@ def _abilities(description: Description) -> Iterator[Finding]:
         yield Finding("allocation", "warn", label, limit, _more_memory(description, memory))
     else:
         yield Finding("allocation", "ok", label, limit)
+
+
+def _selftest(description: Description) -> Iterator[Finding]:
+    """What the self-tests of strict rungs found, which run before the first grid of each."""
+    found = {rung: selftest.remembered(description, rung) for rung in LOSSLESS}
+    faults = [f"{rung}: {fault}" for rung, fault in found.items() if fault]
+    if faults:
+        message = f"refused, the self-test failed: {'; '.join(faults)}"
+        advice = (
+            "use another device or another version of its driver; the next grid of that accuracy tests again"
+        )
+        yield Finding("selftest", "fail", description.label, message, advice)
+        return
+    passed = [rung for rung, fault in found.items() if fault == ""]
+    later = [rung for rung, fault in found.items() if fault is None]
+    parts = [f"passed: {', '.join(passed)}"] if passed else []
+    parts += [f"not run yet: {', '.join(later)} (the first grid does it)"] if later else []
+    yield Finding("selftest", "ok", description.label, f"self-test {'; '.join(parts)}")
 
 
 def _more_memory(description: Description, memory: int) -> str:

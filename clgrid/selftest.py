@@ -1,4 +1,4 @@
-"""The start-up self-test: a thousand rays at edges and vertices, before a device's first strict grid.
+"""The start-up self-test: a thousand rays, most at edges and vertices, before a device's first strict grid.
 
 A driver that contracts products, rounds otherwise or miscompiles is found here, once per device, driver and
 kernel sources, and refused for the rungs whose promises it breaks.
@@ -30,15 +30,15 @@ LAYOUT, DENSITY = "compact", 4.0
 
 # Of t, ids, u and v of all rays, as tests/test_selftest.py derives them without a device.
 EXPECTED = {
-    "robust": "21e24c5c751a699c",
-    "precise": "bd0ac814f1488332",
-    "exact": "8a4a8ad1a2c4791a",
+    "robust": "e7eafff2e6befe3e",
+    "precise": "7dd4d40541c0eda3",
+    "exact": "69d82820603ba549",
 }
 
 # The ball is sheared by this, so that no coordinate is special; short, so that no product is rounded.
 _ASKEW = ((0.75, 0.25, -0.125), (-0.3125, 0.6875, 0.25), (0.125, -0.1875, 0.8125))
 # Points within it, in thirty-seconds.
-_ORIGINS = ((0, 0, 0), (5, -3, 7), (-9, 4, 1), (2, 8, -6))
+_ORIGINS = ((0, 0, 0), (5, -3, 7), (-9, 4, 1))
 
 _lock = threading.RLock()
 _passed: set[tuple[Device, str]] = set()
@@ -63,11 +63,14 @@ def mesh() -> Mesh:
 
 
 def rays(of: Mesh) -> tuple[F64, F64]:
-    """(N, 3) origins and directions: from within the mesh, exactly at its vertices and at points of edges."""
+    """(N, 3) origins and directions: from within, exactly at vertices, points of edges and of faces."""
     corners = of.vertices[of.faces].astype(np.float64)
     a, b = (corners[:, turn].reshape(-1, 3) for turn in ((0, 1, 2), (1, 2, 0)))
     # Each edge twice, from both of its triangles.
-    targets = np.concatenate([of.vertices.astype(np.float64), a * 0.75 + b * 0.25])
+    edges = a * 0.75 + b * 0.25
+    # On the rung exact, integers decide these; the filter in floating point decides points of faces.
+    faces = (corners[:, 0] * 0.5 + corners[:, 1] * 0.25) + corners[:, 2] * 0.25
+    targets = np.concatenate([of.vertices.astype(np.float64), edges, faces])
     starts = np.array(_ORIGINS) / 32
     origins = np.repeat(starts, len(targets), axis=0)
     return origins, np.tile(targets, (len(starts), 1)) - origins

@@ -88,7 +88,8 @@ class Aim:
         a, b, c = self.corners(count, rng)
         s = rng.random((count, 1))
         choices = [a, a, a / 2 + b / 2, (1 - s) * a + s * b, a / 2 + b / 4 + c / 4]
-        return np.choose(rng.integers(len(choices), size=(count, 1)), choices)
+        points: F64 = np.choose(rng.integers(len(choices), size=(count, 1)), choices)
+        return points
 
     def on_planes(self, count: int, rng: np.random.Generator) -> F64:
         """(N, 3) corners of cells."""
@@ -98,7 +99,8 @@ class Aim:
 def _short(values: F64) -> F64:
     """The values rounded to 24 binary digits."""
     share, exponent = np.frexp(values)
-    return np.ldexp(np.round(np.ldexp(share, 24)), exponent - 24)
+    rounded: F64 = np.ldexp(np.round(np.ldexp(share, 24)), exponent - 24)
+    return rounded
 
 
 def _axis_ways(count: int, rng: np.random.Generator) -> tuple[F64, F64]:

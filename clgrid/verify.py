@@ -257,9 +257,9 @@ def broken_promises(result: VerifyRecord) -> list[str]:
     """Say, a line each, which check a rung fails that it promises to pass, with the first ray that does."""
     seed = result.seeds["rays"]
     return [
-        f"{result.scene}: {row.accuracy}: {first.rays} rays fail {first.check!r}; the first, {first.kind}, seed"
-        f" {seed}: origin {list(first.origin)}, direction {list(first.direction)}: found {first.found},"
-        f" expected {first.expected}"
+        f"{result.scene}: {row.accuracy}: {first.rays:,} rays fail {first.check!r}; the first, {first.kind}"
+        f" (seed {seed}): origin {list(first.origin)}, direction {list(first.direction)}: found"
+        f" {first.found}, expected {first.expected}"
         for row in result.rows
         for first in row.first
         if first.check in row.broken

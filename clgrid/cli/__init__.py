@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import clgrid
-from clgrid.cli import bench, devices, info, render
+from clgrid.cli import bench, devices, info, render, verify
 from clgrid.cli.output import OutputClosedError
 from clgrid.errors import ClgridError
 
@@ -30,6 +30,7 @@ app = typer.Typer(
 app.command()(render.render)
 app.command()(bench.bench)
 app.command()(info.info)
+app.command()(verify.verify)
 app.command()(devices.devices)
 app.command()(devices.doctor)
 
