@@ -8,27 +8,34 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from agreement import RUNGS, Answers, Query, assert_lossless, query
 
-from clgrid import rational
-from clgrid.brute import brute_force, brute_force_count
 from clgrid.device import Device
-from clgrid.grid import Grid, build
-from clgrid.hits import Hits
+from clgrid.hits import AllHits, Hits
 from clgrid.mesh import Mesh
-from clgrid.rungs import LOSSLESS
+from clgrid.rational import Triangles, crossings
 
-FIELDS = ("primitive_uvs", "t_err")
+Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Kept:
-    """Answers that keep the promises."""
+    """Answers that keep the promises, by rung."""
 
-    hits: dict[str, Hits]
-    """By rung."""
-    counts: npt.NDArray[np.uint32]
-    """Of the rung exact."""
-    exact: Grid
+    answers: dict[str, Answers]
+
+    @property
+    def hits(self) -> dict[str, Hits]:
+        return {rung: each.hits for rung, each in self.answers.items()}
+
+    @property
+    def every(self) -> dict[str, AllHits]:
+        return {rung: each.every for rung, each in self.answers.items()}
+
+    @property
+    def counts(self) -> npt.NDArray[np.int64]:
+        """Crossings of each ray, on the rung ``exact``."""
+        return self.answers["exact"].counts.astype(np.int64)
 
     def all_hit(self) -> bool:
         return all(bool(hits.mask.all()) for hits in self.hits.values())
@@ -37,7 +44,7 @@ class Kept:
         return not any(bool(hits.mask.any()) for hits in self.hits.values())
 
     def ids(self, rung: str = "exact") -> list[int]:
-        ids: list[int] = self.hits[rung].primitive_ids.reshape(-1).tolist()
+        ids: list[int] = self.hits[rung].primitive_ids.tolist()
         return ids
 
 
@@ -53,49 +60,37 @@ def kept(
 ) -> Kept:
     """Cast on every strict rung: grid and brute force agree in every bit, ``exact`` is rational arithmetic.
 
-    Of ``sample`` rays at most, rational arithmetic says what ``exact`` must answer, and that no t of any rung
-    is off by more than its t_err. ``options`` are those of ``build``.
+    For ``sample`` rays at most, rational arithmetic says what ``exact`` must answer, and that no t of any
+    rung is off by more than its t_err. ``options`` are those of ``build``. Rays are flattened to rows; a
+    single one becomes two, as one row would need kernels of its own.
     """
-    shape = np.broadcast_shapes(np.shape(origins), np.shape(directions))
-    o, d = (np.ascontiguousarray(np.broadcast_to(a, shape)).reshape(-1, 3) for a in (origins, directions))
-    low, high = (np.broadcast_to(np.asarray(a, np.float64), shape[:-1]).reshape(-1) for a in (t_min, t_max))
-    options = {"density": 4, **options}
-    hits, grids = {}, {}
-    for rung in LOSSLESS:
-        grids[rung] = build(mesh, accuracy=rung, device=device, **options)
-        hits[rung] = grids[rung].cast(o, d, low, high, fields=FIELDS)
-        oracle = brute_force(mesh, o, d, low, high, device=device, accuracy=rung, fields=FIELDS)
-        for name in ("primitive_ids", "t_hit", *FIELDS):
-            found, expected = hits[rung][name], oracle[name]
-            assert found.tobytes() == expected.tobytes(), f"{rung}: {name} differs from brute force"
-    counts = grids["exact"].count(o, d, low, high)
-    expected = brute_force_count(mesh, o, d, low, high, device=device, accuracy="exact")
-    np.testing.assert_array_equal(counts, expected)
-    triangles = rational.Triangles.of_mesh(mesh)
+    o, d = np.broadcast_arrays(np.asarray(origins, np.float64), np.asarray(directions, np.float64))
+    o, d = o.reshape(-1, 3), d.reshape(-1, 3)
+    if len(o) == 1:
+        o, d = np.repeat(o, 2, axis=0), np.repeat(d, 2, axis=0)
+    rays = query(o, d, t_min, t_max)
+    grids = [{"density": 4, **options}]
+    found = Kept({rung: assert_lossless(mesh, device, rung, rays, grids) for rung in RUNGS})
+    triangles = Triangles.of_mesh(mesh)
     for row in np.unique(np.linspace(0, len(o) - 1, min(sample, len(o))).astype(int)):
-        _check_exactly(mesh, triangles, hits, counts, o, d, low, high, int(row))
-    return Kept(hits, counts, grids["exact"])
+        _check_exactly(triangles, found, rays, int(row))
+    return found
 
 
-def _check_exactly(
-    mesh: Mesh,
-    triangles: rational.Triangles,
-    hits: dict[str, Hits],
-    counts: npt.NDArray[np.uint32],
-    o: npt.NDArray[Any],
-    d: npt.NDArray[Any],
-    low: npt.NDArray[np.float64],
-    high: npt.NDArray[np.float64],
-    row: int,
-) -> None:
-    met = rational.crossings(triangles, o[row], d[row])
-    within = [c for c in met if low[row] <= c.t <= high[row]]
-    assert counts[row] == len(within), f"ray {row}: {counts[row]} crossings, exactly {len(within)}"
+def _check_exactly(triangles: Triangles, found: Kept, rays: Query, row: int) -> None:
+    o, d, low, high = (side[row] for side in rays)
+    met = crossings(triangles, o, d)
+    within = [crossing for crossing in met if low <= crossing.t <= high]
+    assert found.counts[row] == len(within), (
+        f"ray {row}: {len(within)} crossings, {found.counts[row]} counted"
+    )
     nearest = within[0].id if within else -1
-    assert hits["exact"].primitive_ids[row] == nearest, f"ray {row}: not the nearest triangle, {nearest}"
-    for rung, found in hits.items():
-        truth = next((c.t for c in met if c.id == found.primitive_ids[row]), None)
+    assert found.hits["exact"].primitive_ids[row] == nearest, (
+        f"ray {row}: not the nearest triangle, {nearest}"
+    )
+    for rung, hits in found.hits.items():
+        truth = next((crossing.t for crossing in met if crossing.id == hits.primitive_ids[row]), None)
         if truth is not None:
-            error = abs(Fraction(float(found.t_hit[row])) - truth)
-            assert np.isfinite(found.t_err[row])
-            assert error <= found.t_err[row], f"{rung}: t of ray {row} is off by {float(error)}"
+            error, bound = abs(Fraction(float(hits.t_hit[row])) - truth), float(hits.t_err[row])
+            assert np.isfinite(bound)
+            assert error <= bound, f"{rung}: t of ray {row} is off by {float(error)}, t_err is {bound}"
