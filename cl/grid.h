@@ -37,7 +37,8 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
     Axis x, y, z;
     double t_in = first_t(ray), t_out = last_t(ray);
     const double ox = ray->origin[0], oy = ray->origin[1], oz = ray->origin[2];
-    const double dx = ray->direction[0], dy = ray->direction[1], dz = ray->direction[2];
+    const double dx = climb_rate(ray->direction[0]), dy = climb_rate(ray->direction[1]);
+    const double dz = climb_rate(ray->direction[2]);
     const int mx = (int)grid->resolution[0], my = (int)grid->resolution[1], mz = (int)grid->resolution[2];
     if (!enter_slab(&x, ox, dx, grid->lower[0], grid->upper[0], grid->cell_size[0], mx, &t_in, &t_out)
         || !enter_slab(&y, oy, dy, grid->lower[1], grid->upper[1], grid->cell_size[1], my, &t_in, &t_out)

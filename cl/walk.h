@@ -19,6 +19,12 @@ double crossing(const Axis *axis, double plane)
     return axis->t_first + plane * axis->t_cell;
 }
 
+// A component as the walk takes it: 0 where the ray crosses no plane within reach, and 1 / d may overflow.
+double climb_rate(double d)
+{
+    return fabs(d) < SMALLEST_CLIMB ? 0.0 : d;
+}
+
 // Sets t_first, t_cell; narrows [t_in, t_out] to the grid's slab. False: parallel and outside.
 bool enter_slab(Axis *axis, double o, double d, double lower, double upper, double cell, uint resolution,
                 double *t_in, double *t_out)
