@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from figure1_scenes import usable_folder
@@ -24,11 +25,16 @@ SCENES = (
 
 
 def default_scenes() -> list[str]:
-    """Names of the six; each that is missing is replaced by a built-in one."""
+    """Names of the six."""
+    return scenes_or_instead(SCENES)
+
+
+def scenes_or_instead(scenes: Sequence[tuple[str, str]]) -> list[str]:
+    """Files of the scenes folder, each that is missing replaced by the built-in scene beside it."""
     folder = usable_folder(Path(os.environ.get("CLGRID_SCENES") or CHECKOUT.parent / "shared" / "scenes"))
     return [
         str(folder / name) if folder is not None and (folder / name).is_file() else instead
-        for name, instead in SCENES
+        for name, instead in scenes
     ]
 
 
