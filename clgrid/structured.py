@@ -23,7 +23,7 @@ _DUST = (0.0, -0.0, 5e-324, -1e-310, 1e-46, -1e-30, 1e-16, -1e-16)
 # Points are kept this far inside, in sizes of the mesh. The rung robust rounds mesh and ray to float32, and
 # its t may be off by T_SLACK: 2**-19 of a local unit, which is at most four sizes.
 _CLEARANCE = 2.0**-15
-_CANDIDATES, _ATTEMPTS = 4096, 16
+_CANDIDATES, _ATTEMPTS = 4096, 6
 
 
 @dataclass(frozen=True)
