@@ -7,6 +7,9 @@
 
 #define LIMBS 320
 
+// Compilers would copy these into one another without end.
+#define OUT_OF_LINE __attribute__((noinline))
+
 typedef struct {
     int sign;          // -1, 0, 1
     uint count;        // limbs; the last is not 0
@@ -33,6 +36,7 @@ void trim(Big *r)
 }
 
 // r = x * 2^shift, which must be an integer.
+OUT_OF_LINE
 void big_of(Big *r, double x, int shift)
 {
     const ulong bits = as_ulong(x);
@@ -59,6 +63,7 @@ void big_of(Big *r, double x, int shift)
     trim(r);
 }
 
+OUT_OF_LINE
 void big_copy(Big *r, const Big *a)
 {
     r->sign = a->sign;
@@ -87,6 +92,7 @@ int big_compare(const Big *a, const Big *b)
 }
 
 // r = a + sign * b; r is neither.
+OUT_OF_LINE
 void big_add(Big *r, const Big *a, int sign, const Big *b)
 {
     const int sign_b = sign * b->sign;
@@ -113,6 +119,7 @@ void big_add(Big *r, const Big *a, int sign, const Big *b)
 }
 
 // r = a * b; r is neither.
+OUT_OF_LINE
 void big_multiply(Big *r, const Big *a, const Big *b)
 {
     r->sign = a->sign * b->sign;
@@ -134,6 +141,7 @@ void big_multiply(Big *r, const Big *a, const Big *b)
 }
 
 // r = r * 2^bits
+OUT_OF_LINE
 void big_shift(Big *r, uint bits)
 {
     if (r->sign == 0 || bits == 0)
@@ -169,6 +177,7 @@ double scale_by(double x, int exponent)
 }
 
 // a / b * 2^exponent, with a relative error of at most 2^-51 above the denormals. b is not 0.
+OUT_OF_LINE
 double quotient(const Big *a, const Big *b, int exponent)
 {
     if (a->sign == 0)
@@ -179,6 +188,7 @@ double quotient(const Big *a, const Big *b, int exponent)
 }
 
 // The sign of p q - r s.
+OUT_OF_LINE
 int compare_products(double p, double q, double r, double s)
 {
     Big a, b, left, right;

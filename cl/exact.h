@@ -28,6 +28,7 @@ int unit_of(const Ray *ray, const Corners *corners)
 }
 
 // r = p q - s t
+OUT_OF_LINE
 void big_cross(Big *r, const Big *p, const Big *q, const Big *s, const Big *t)
 {
     Big left, right;
@@ -37,6 +38,7 @@ void big_cross(Big *r, const Big *p, const Big *q, const Big *s, const Big *t)
 }
 
 // r = a . (p x q)
+OUT_OF_LINE
 void big_determinant(Big *r, const Big *a, const Big *p, const Big *q)
 {
     Big cross, product, sum;
@@ -51,6 +53,7 @@ void big_determinant(Big *r, const Big *a, const Big *p, const Big *q)
     }
 }
 
+OUT_OF_LINE
 void set_exact(Exact *e, const Ray *ray, const Corners *corners, int unit)
 {
     Big vertex, origin;
@@ -75,6 +78,7 @@ void set_exact(Exact *e, const Ray *ray, const Corners *corners, int unit)
 }
 
 // The sign of component a of p x q.
+OUT_OF_LINE
 int cross_sign(const Big *p, const Big *q, int a)
 {
     Big r;
@@ -92,6 +96,7 @@ void edge_vector(const Exact *e, int j, int k, Big *vector)
 
 // The sign of the edge function opposite of corner i for the moved origin: the function changes by
 // move . (direction x edge). Never 0 unless the edge is parallel to the ray.
+OUT_OF_LINE
 int edge_sign(const Exact *e, int i)
 {
     if (e->edge[i].sign != 0)
@@ -115,6 +120,7 @@ bool crossed(const Exact *e)
 }
 
 // The local t, counted from where the ray was moved to.
+OUT_OF_LINE
 double local_t(const Exact *e, const Ray *ray)
 {
     const int exponent = e->unit - e->direction_unit - ray->length_exponent;
@@ -132,6 +138,7 @@ double local_t(const Exact *e, const Ray *ray)
 }
 
 // The sign of t - bound, in the caller's lengths. The bound is finite.
+OUT_OF_LINE
 int compare_with_bound(const Exact *e, const Ray *ray, double bound)
 {
     const int exponent = e->unit - e->direction_unit + ray->frame_exponent;
@@ -147,6 +154,7 @@ int compare_with_bound(const Exact *e, const Ray *ray, double bound)
 
 // Whether the moved origin lies before the plane, where the origin itself lies in it: t changes by
 // - move . normal / under.
+OUT_OF_LINE
 bool starts_before(const Exact *e)
 {
     Big first[3], second[3];
@@ -159,6 +167,7 @@ bool starts_before(const Exact *e)
 }
 
 // The sign of t - t of the other, which has the same units.
+OUT_OF_LINE
 int compare_t(const Exact *e, const Exact *other)
 {
     Big left, right;
