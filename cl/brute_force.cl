@@ -8,6 +8,19 @@
 #define RAYS 16
 #define TILE 512
 
+Points points_of_soup(__global const float *corner, size_t n)
+{
+    const Points p = {vload8(0, corner), vload8(0, corner + n), vload8(0, corner + 2 * n)};
+    return p;
+}
+
+Corners8 corners_of_soup(__global const float *first, size_t n)
+{
+    const Corners8 corners = {points_of_soup(first, n), points_of_soup(first + 3 * n, n),
+                              points_of_soup(first + 6 * n, n)};
+    return corners;
+}
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void brute_force(__constant const FrameParams *frame, uint triangle_count, uint padded_count,
                           __global const float *soup, MESH_PARAMETERS, RAY_PARAMETERS, uint ray_count,
@@ -32,21 +45,14 @@ __kernel void brute_force(__constant const FrameParams *frame, uint triangle_cou
         hits[i] = no_hit();
         rejected += rays[i].valid ? 0 : 1;
     }
-    const size_t n = padded_count;
     for (uint tile = 0; tile < padded_count; tile += TILE) {
         const uint tile_end = min(tile + TILE, padded_count);
         for (uint i = 0; i < count; ++i) {
             if (!rays[i].reaches)
                 continue;
-            const Shear *s = narrow_shear(&projections[i]);
             for (uint first = tile; first < tile_end; first += 8) {
-                __global const float *corner = soup + first;
-                int8 open =
-                    candidates(s, vload8(0, corner + s->kx * n), vload8(0, corner + s->ky * n),
-                               vload8(0, corner + s->kz * n), vload8(0, corner + (3 + s->kx) * n),
-                               vload8(0, corner + (3 + s->ky) * n), vload8(0, corner + (3 + s->kz) * n),
-                               vload8(0, corner + (6 + s->kx) * n), vload8(0, corner + (6 + s->ky) * n),
-                               vload8(0, corner + (6 + s->kz) * n));
+                const Corners8 corners = corners_of_soup(soup + first, padded_count);
+                int8 open = candidates_of(&projections[i], &corners);
 #ifdef RUNG_EXACT
                 if (rays[i].astray)
                     open = (int8)(-1);

@@ -6,6 +6,7 @@
 #ifndef CLG_GRID_H
 #define CLG_GRID_H
 #include "lists.h"
+#include "triangle.h"
 #include "walk.h"
 #ifdef SKIP_EMPTY
 #include "leap.h"
@@ -89,7 +90,11 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
             hit->from = crossed;
             hit->to = fmin(fmin(x.t_next, y.t_next), z.t_next);
 #endif
-            keep_of_list(ray, projection, MESH_ARGUMENTS, list, LIST_ARGUMENTS, hit);
+            while (list.count != 0) {
+                uint ids[8];
+                const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
+                keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
+            }
             if (settled(hit))
                 break;
 #ifndef QUERY_EACH

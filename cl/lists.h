@@ -6,7 +6,7 @@
 //   LAYOUT_DYNAMIC_ARRAY pool[pointers[i] .. pointers[i]+sizes[i]-1]; capacities serve growth alone
 #ifndef CLG_LISTS_H
 #define CLG_LISTS_H
-#include "triangle.h"
+#include "config.h"
 
 #if defined(LAYOUT_HASHED)
 #define LIST_PARAMETERS                                                                               \
@@ -80,34 +80,29 @@ bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_P
 #endif
 }
 
-// keep (triangle.h) over a list that is not empty, eight triangles at a time.
-void keep_of_list(const Ray *ray, const Projection *projection, MESH_PARAMETERS, List list, LIST_PARAMETERS,
-                  Hit *hit)
+// Takes the next triangles, eight at most, off a list that is not empty; tells how many.
+uint take_ids(List *list, LIST_PARAMETERS, uint *ids)
 {
-    uint ids[8];
+    uint count = 0;
 #ifdef LAYOUT_LINKED_LIST
-    ref_index node = list.begin;
-    while (node != NO_REFERENCE) {
-        uint count = 0;
-        for (; count < 8 && node != NO_REFERENCE; ++count, node = next[node])
-            ids[count] = triangles[node];
-        for (uint i = count; i < 8; ++i)
-            ids[i] = ids[count - 1];
-        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
+    for (; count < 8 && list->begin != NO_REFERENCE; ++count) {
+        ids[count] = triangles[list->begin];
+        list->begin = next[list->begin];
     }
+    list->count = list->begin == NO_REFERENCE ? 0 : 1;
 #else
 #ifdef LAYOUT_DYNAMIC_ARRAY
-    __global const uint *entries = pool + list.begin;
+    __global const uint *entries = pool + list->begin;
 #else
-    __global const uint *entries = references + list.begin;
+    __global const uint *entries = references + list->begin;
 #endif
-    for (uint done = 0; done < list.count; done += 8) {
-        const uint count = min(list.count - done, 8u);
-        for (uint i = 0; i < 8; ++i)
-            ids[i] = entries[done + (i < count ? i : count - 1)];
-        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
-    }
+    count = min(list->count, 8u);
+    for (uint i = 0; i < 8; ++i)
+        ids[i] = entries[i < count ? i : count - 1];
+    list->begin += count;
+    list->count -= count;
 #endif
+    return count;
 }
 
 #endif

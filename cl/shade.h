@@ -2,11 +2,8 @@
 // + - * / sqrt alone, which round alike everywhere, so that pictures are the same bits on all devices.
 #ifndef CLG_SHADE_H
 #define CLG_SHADE_H
+#include "light.h"
 #include "triangle.h"
-
-// Share of light that reaches a surface seen edge-on, and what a surface seen face-on sends back.
-#define AMBIENT 0.1
-#define ALBEDO 0.8
 
 double dot3(const double *a, const double *b)
 {

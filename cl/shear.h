@@ -2,6 +2,7 @@
 // In float32; and the filter by it, eight triangles at once.
 #ifndef CLG_SHEAR_H
 #define CLG_SHEAR_H
+#include "gather.h"
 #include "ray.h"
 
 typedef struct {
@@ -62,6 +63,25 @@ int8 candidates(const Shear *s, float8 akx, float8 aky, float8 akz, float8 bkx, 
     const int8 negative = (u < -doubt) | (v < -doubt) | (w < -doubt);
     const int8 positive = (u > doubt) | (v > doubt) | (w > doubt);
     return ~(negative & positive);
+}
+
+// The same for gathered corners. Whether x and y change places, which keeps the winding, does not matter to
+// signs that differ: all three edge functions are negated.
+int8 candidates_of_shear(const Shear *s, const Corners8 *p)
+{
+    Shear w = *s;
+    if (s->kx != (s->kz == 2 ? 0 : s->kz + 1)) {
+        w.ox = s->oy;
+        w.oy = s->ox;
+        w.sx = s->sy;
+        w.sy = s->sx;
+    }
+    const Points a = p->a, b = p->b, c = p->c;
+    if (s->kz == 0)
+        return candidates(&w, a.y, a.z, a.x, b.y, b.z, b.x, c.y, c.z, c.x);
+    if (s->kz == 1)
+        return candidates(&w, a.z, a.x, a.y, b.z, b.x, b.y, c.z, c.x, c.y);
+    return candidates(&w, a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z);
 }
 
 #endif

@@ -7,7 +7,9 @@
 //   WITH_UVS, WITH_T_ERR, WITH_CERTAIN   of the nearest or of all: weights, the error of t, who decided
 #ifndef CLG_TRIANGLE_H
 #define CLG_TRIANGLE_H
-#if defined(RUNG_PRECISE)
+#if defined(RUNG_FAST)
+#include "triangle_fast.h"
+#elif defined(RUNG_PRECISE)
 #include "triangle_precise.h"
 #elif defined(RUNG_EXACT)
 #include "triangle_exact.h"
@@ -95,28 +97,15 @@ void keep(const Ray *ray, const Projection *projection, MESH_PARAMETERS, uint id
 #endif
 }
 
-#define GATHER8(corner, axis)                                                                       \
-    (float8)(corner[0][axis], corner[1][axis], corner[2][axis], corner[3][axis], corner[4][axis],  \
-             corner[5][axis], corner[6][axis], corner[7][axis])
-
-// keep over 8 triangles; a shorter list is filled up with its last, which is not tested twice.
+// keep over 1 to 8 triangles.
 void keep_of_8(const Ray *ray, const Projection *projection, MESH_PARAMETERS, const uint *ids, uint count, Hit *hit)
 {
 #ifdef COUNT_STEPS
     hit->tests += count;
     ++hit->batches;
 #endif
-    const Shear *s = narrow_shear(projection);
-    __global const float *a[8], *b[8], *c[8];
-    for (uint i = 0; i < 8; ++i) {
-        __global const uint *face = faces + 3 * (size_t)ids[i];
-        a[i] = vertices + 3 * (size_t)face[0];
-        b[i] = vertices + 3 * (size_t)face[1];
-        c[i] = vertices + 3 * (size_t)face[2];
-    }
-    const int8 open = candidates(s, GATHER8(a, s->kx), GATHER8(a, s->ky), GATHER8(a, s->kz),
-                                 GATHER8(b, s->kx), GATHER8(b, s->ky), GATHER8(b, s->kz),
-                                 GATHER8(c, s->kx), GATHER8(c, s->ky), GATHER8(c, s->kz));
+    const Corners8 corners = gather_corners(vertices, faces, ids, count);
+    const int8 open = candidates_of(projection, &corners);
     if (any(open)) {
         int lanes[8];
         vstore8(open, 0, lanes);

@@ -19,9 +19,9 @@ Projection projection_of(const Ray *ray)
     return shear_of(ray->origin, ray->direction);
 }
 
-const Shear *narrow_shear(const Projection *projection)
+int8 candidates_of(const Projection *projection, const Corners8 *corners)
 {
-    return projection;
+    return candidates_of_shear(projection, corners);
 }
 
 // The vertices as the ray sees them: relative to the origin, permuted, sheared.

@@ -34,9 +34,9 @@ Projection projection_of(const Ray *ray)
     return s;
 }
 
-const Shear *narrow_shear(const Projection *projection)
+int8 candidates_of(const Projection *projection, const Corners8 *corners)
 {
-    return &projection->narrow;
+    return candidates_of_shear(&projection->narrow, corners);
 }
 
 // The vertices as the ray sees them: relative to the origin, permuted, sheared.

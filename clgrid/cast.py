@@ -150,7 +150,7 @@ def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fiel
         nearest = [np.zeros((count, rung.nearest_reals), rung.real)]
         nearest[0][:, 0] = np.inf
     options = {**part_defines(parts), **field_defines(fields)}
-    launch = grid_launch("cast_closest", target, parts, options)
+    launch = grid_launch(rung.kernel("cast_closest"), target, parts, options)
     invalid = run(target, launch, RAYS_PER_ITEM, rays, [*results.values(), *nearest])
     return hits_of(target.mesh, rays, results, invalid)
 

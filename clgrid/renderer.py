@@ -80,7 +80,8 @@ def render(
     Raises
     ------
     InputError
-        If a size, an AOV name or the background is out of range, or the grid is of another mesh.
+        If a size, an AOV name or the background is out of range, the grid is of another mesh, or its rung
+        knows no error of t.
     GridTooLargeError, DeviceError
         As ``clgrid.build``.
     """
@@ -90,6 +91,8 @@ def render(
         grid = build(mesh, **{"rays": width * height, **build_options})
     elif grid.mesh is not mesh or build_options:
         raise InputError("render: the grid is of another mesh or has build options beside it; give one")
+    if "t_err" in aovs and grid.accuracy == "fast":
+        raise InputError("render: the AOV t_err is of the strict rungs, not of fast; choose one of those")
     view = camera or default_camera(scene, width / height)
     image = _blank(width, height, aovs, background)
     start = time.perf_counter()
@@ -194,7 +197,8 @@ def _draw(
         outputs = [allocator.results(piece) for piece in pieces]
         tiles = tiles_across * -(-(last - first) // _TILE)
         for part in parts:
-            draw = kernel(device, "render.cl", "render", **options, **part.defines)
+            name = rung.kernel("render")
+            draw = kernel(device, f"{name}.cl", name, **options, **part.defines)
             draw(
                 device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
                 np.uint32(last - first), *colour, *normals, *outputs,

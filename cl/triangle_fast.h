@@ -1,0 +1,97 @@
+// Rung `fast`: Moeller & Trumbore 1997 in float32. It promises nothing; a ray may pass between triangles that
+// share an edge, seldom for want of OUTSIDE. Pictures and nearest hits go through packet.h instead.
+#ifndef CLG_TRIANGLE_FAST_H
+#define CLG_TRIANGLE_FAST_H
+#include "gather.h"
+#include "ray.h"
+
+// How far outside, in barycentric weights, still hits: rays through a shared edge then seldom miss both sides.
+#define OUTSIDE 0x1p-19f
+
+typedef struct {
+    float ox, oy, oz, dx, dy, dz;
+} Projection;
+
+typedef struct {
+    float t;
+} Meeting;
+
+Projection projection_of(const Ray *ray)
+{
+    const Projection line = {ray->origin[0], ray->origin[1], ray->origin[2],
+                             ray->direction[0], ray->direction[1], ray->direction[2]};
+    return line;
+}
+
+// t and the weights of the second and third vertex, for eight triangles: where the planes are met.
+typedef struct {
+    float8 t, u, v;
+} Meetings;
+
+Meetings meet_planes(const Projection *line, Points a, Points b, Points c)
+{
+    const float8 ex = b.x - a.x, ey = b.y - a.y, ez = b.z - a.z;
+    const float8 fx = c.x - a.x, fy = c.y - a.y, fz = c.z - a.z;
+    const float8 sx = line->ox - a.x, sy = line->oy - a.y, sz = line->oz - a.z;
+    const float dx = line->dx, dy = line->dy, dz = line->dz;
+    const float8 px = dy * fz - dz * fy, py = dz * fx - dx * fz, pz = dx * fy - dy * fx;
+    const float8 qx = sy * ez - sz * ey, qy = sz * ex - sx * ez, qz = sx * ey - sy * ex;
+    const float8 inverse = 1.0f / (ex * px + ey * py + ez * pz);
+    Meetings m;
+    m.u = (sx * px + sy * py + sz * pz) * inverse;
+    m.v = (dx * qx + dy * qy + dz * qz) * inverse;
+    m.t = (fx * qx + fy * qy + fz * qz) * inverse;
+    return m;
+}
+
+int8 are_inside(float8 u, float8 v)
+{
+    return (u >= -OUTSIDE) & (v >= -OUTSIDE) & (u + v <= 1.0f + OUTSIDE);
+}
+
+int8 candidates_of(const Projection *line, const Corners8 *p)
+{
+    const Meetings m = meet_planes(line, p->a, p->b, p->c);
+    return are_inside(m.u, m.v);
+}
+
+// A triangle alone, by the same operations.
+Meetings meet_one(const Projection *line, MESH_PARAMETERS, uint id)
+{
+    const Corners8 p = gather_corners(vertices, faces, &id, 1);
+    return meet_planes(line, p.a, p.b, p.c);
+}
+
+bool meet(const Ray *ray, const Projection *line, MESH_PARAMETERS, uint id, Meeting *meeting)
+{
+    const Meetings m = meet_one(line, MESH_ARGUMENTS, id);
+    meeting->t = m.t.s0;
+    return are_inside(m.u, m.v).s0 != 0 && isfinite(m.t.s0);
+}
+
+bool within(const Ray *ray, const Meeting *meeting)
+{
+    return within_interval(ray, meeting->t);
+}
+
+// Whether the meeting with triangle `id` comes before that with `other`: ties go to the lowest id.
+bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
+{
+    return meeting->t < best->t || (meeting->t == best->t && id < other);
+}
+
+double reported_t(const Ray *ray, const Meeting *meeting)
+{
+    return scene_t(ray, meeting->t);
+}
+
+// The weights of the second and third vertex; this rung knows no error of t.
+void describe(const Ray *ray, const Projection *line, MESH_PARAMETERS, uint id, const Meeting *meeting, real *weights,
+              double *t_err)
+{
+    const Meetings m = meet_one(line, MESH_ARGUMENTS, id);
+    weights[0] = m.u.s0;
+    weights[1] = m.v.s0;
+}
+
+#endif
