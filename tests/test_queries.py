@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 from adversarial import structured
 from agreement import (
-    ALL, RUNGS, Query, ask, assert_exact, assert_lossless, assert_same, bits, fields_of, part, query, truth_of,
+    ALL,
+    RUNGS,
+    Query,
+    ask,
+    assert_exact,
+    assert_lossless,
+    assert_same,
+    bits,
+    fields_of,
+    part,
+    query,
+    truth_of,
 )  # fmt: skip
 from meshes import MESHES, soup
 from rays import mixed
@@ -39,7 +50,7 @@ def test_queries_agree(accuracy: str, device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize(
-    "name", ["ball", "stacks", "needle_fan", "edge_on_slivers", "soup", "flat", "one", "far_float64"]
+    "name", ["ball", "stacks", "torus", "edge_on_slivers", "soup", "flat", "one", "far_float64"]
 )
 def test_queries_agree_in_every_interval(name: str, accuracy: str, device: Device) -> None:
     """Bounds at hits and one double on either side: scalar and by ray, alone and together."""
@@ -138,7 +149,7 @@ def test_hits_beyond_the_largest_buffer_are_refused(device: Device, monkeypatch:
     rays = query(np.tile([0.0, 0, -1], (64, 1)), (0, 0, 1))
     assert grid.cast_all(*rays).counts.tolist() == [2000] * 64
     monkeypatch.setattr(cast_all, "largest_buffer", lambda device: 100_000)
-    with pytest.raises(InputError, match="128,000 hits at once exceed .*cast fewer rays"):
+    with pytest.raises(InputError, match=r"128,000 hits at once exceed .*cast fewer rays"):
         grid.cast_all(*rays)
     assert grid.cast_all(*part(rays, slice(0, 2))).counts.tolist() == [2000] * 2
 
@@ -171,7 +182,7 @@ def test_no_rays_and_no_triangles(accuracy: str, device: Device) -> None:
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_shapes_of_all_queries(accuracy: str, device: Device) -> None:
     grid = build(procedural.cube(), accuracy=accuracy, device=device)
-    starts, ways = np.zeros((4, 1, 3)) + [0.25, 0.5, 0.125], np.eye(3)
+    starts, ways = np.zeros((4, 1, 3)) + np.array([0.25, 0.5, 0.125]), np.eye(3)
     assert grid.count(starts, ways).tolist() == [[1] * 3] * 4
     assert grid.occluded(starts, ways).tolist() == [[True] * 3] * 4
     every = grid.cast_all(starts, ways)
