@@ -46,7 +46,9 @@ def checked_fields(
             f"fields: 'certain' is of the rung exact, not of {accuracy}; build with accuracy='exact'"
         )
     if "t_err" in fields and accuracy == "fast":
-        raise InputError("fields: 't_err' is of the strict rungs, not of fast; name one of those in accuracy=")
+        raise InputError(
+            "fields: 't_err' is of the strict rungs, not of fast; name one of those in accuracy="
+        )
     counting = bool(set(COUNTERS) & set(fields))
     return tuple(name for name in known if name in fields or (name in COUNTERS and counting))
 

@@ -35,7 +35,7 @@ Resolution = Annotated[
     typer.Option(metavar="XxYxZ", help="Cells along each axis, instead of a density.", rich_help_panel=GRID),
 ]
 Accuracy = Annotated[
-    str, typer.Option(help="Rung of the accuracy ladder: robust, precise, exact.", rich_help_panel=GRID)
+    str, typer.Option(help="Rung of the accuracy ladder: fast, robust, precise, exact.", rich_help_panel=GRID)
 ]
 DeviceName = Annotated[
     str | None,
