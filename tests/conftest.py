@@ -45,17 +45,24 @@ def wanted(config: pytest.Config) -> list[Description]:
     return chosen
 
 
-def _parameter(description: Description) -> object:
-    """A device that cannot compile is skipped by name, with the reason."""
-    outcome = usable(description)
-    reason = f"{description.label}: {outcome.reason}; {outcome.cure}"
-    marks = [] if outcome.ok else [pytest.mark.skip(reason=reason)]
-    return pytest.param(description.label, id=description.label, marks=marks)
+def _parameters(descriptions: list[Description]) -> list[object]:
+    """The devices. The fast part takes the first that works; one that cannot compile is skipped by name."""
+    parameters: list[object] = []
+    working = 0
+    for description in descriptions:
+        outcome = usable(description)
+        reason = f"{description.label}: {outcome.reason}; {outcome.cure}"
+        marks = [] if outcome.ok else [pytest.mark.skip(reason=reason)]
+        if outcome.ok and working:
+            marks = [pytest.mark.slow]
+        working += outcome.ok
+        parameters.append(pytest.param(description.label, id=description.label, marks=marks))
+    return parameters
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
-        parameters = [_parameter(description) for description in wanted(metafunc.config)]
+        parameters = _parameters(wanted(metafunc.config))
         # Without any device the tests must fail, not vanish.
         parameters = parameters or [pytest.param(None, id="none")]
         metafunc.parametrize("device", parameters, indirect=True, scope="session")
