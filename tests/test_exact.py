@@ -85,7 +85,7 @@ def assert_meaningful(errors: Errors, median: float = 3e-15, worst: float = 2e-9
     assert max(errors.relative) <= worst, errors.summary()
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.slow)])
 def test_fans_equal_rational_arithmetic(dtype: type, device: Device, record_property: Record) -> None:
     assert_fans_exact(dtype, 0, 100, 12, device, record_property)
 

@@ -329,13 +329,9 @@ def cone(count: int, rays: int) -> Extreme:
     return Extreme(mesh, query(o, d), np.array([0.0, 0, 0.125]), sample=40)
 
 
-FAST = {"components -0.0", "denormal components"}
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", RUNGS)
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in FAST else pytest.mark.slow) for n in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_extremes(name: str, accuracy: str, device: Device) -> None:
     extreme = CASES[name]()
     if accuracy not in extreme.rungs:
@@ -388,6 +384,7 @@ def test_intervals_around_a_hit(name: str, accuracy: str, device: Device) -> Non
             assert_exact(answers, truth_of(Triangles.of_mesh(mesh), some), mesh, some)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_zeros_of_all_kinds_are_parallel(accuracy: str, device: Device) -> None:
     """A box seen along its axes: whatever the other components are that come to nothing."""
