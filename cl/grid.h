@@ -56,8 +56,10 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
     z.stride = dz < 0.0 ? -mx * my : mx * my;
 
     double stop = t_out;  // no hit beyond it can win
+    // Where t counts from afar, reported t may be equal though local ones are not.
+    const double slack = T_SLACK + 0x1p-51 * fabs(ray->t_entry);
 #ifdef PARTS
-    stop = (double)hit->meeting.t + T_SLACK < stop ? (double)hit->meeting.t + T_SLACK : stop;
+    stop = fmin(stop, (double)hit->meeting.t + slack);
 #endif
     bool entered = true, full = true;  // the cell's brick was just entered; may hold references
 #ifdef QUERY_EACH
@@ -99,7 +101,7 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
                 break;
 #ifndef QUERY_EACH
             // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
-            const double bound = (double)hit->meeting.t + T_SLACK;
+            const double bound = (double)hit->meeting.t + slack;
             stop = bound < stop ? bound : stop;
 #endif
         }

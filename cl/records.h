@@ -111,14 +111,6 @@ void sort_records(const Records *r, const Ray *ray, MESH_PARAMETERS, ulong count
             sink(r, ray, MESH_ARGUMENTS, 0, left);
         }
     }
-#ifdef RUNG_EXACT
-    // The order is that of the exact t; what is reported must not contradict it. Both errors cover that.
-    for (ulong i = r->begin + 1; i < r->begin + count; ++i)
-        if (r->t[i] < r->t[i - 1]) {
-            r->t[i] = r->t[i - 1];
-            r->t_errs[i] = fmax(r->t_errs[i], r->t_errs[i - 1]);
-        }
-#endif
 }
 
 #endif

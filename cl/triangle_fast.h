@@ -74,10 +74,12 @@ bool within(const Ray *ray, const Meeting *meeting)
     return within_interval(ray, meeting->t);
 }
 
-// Whether the meeting with triangle `id` comes before that with `other`: ties go to the lowest id.
+// Whether the meeting with triangle `id` comes before that with `other`, by the t that is reported: ties go to
+// the lowest id.
 bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
 {
-    return meeting->t < best->t || (meeting->t == best->t && id < other);
+    const double t = scene_t(ray, meeting->t), least = scene_t(ray, best->t);
+    return t < least || (t == least && id < other);
 }
 
 double reported_t(const Ray *ray, const Meeting *meeting)

@@ -30,19 +30,26 @@ double difference_of_products(double p, double q, double r, double s)
     return sum.high + (sum.low + (high.low + low.low));
 }
 
+// A power of two that brings the largest of them to about 1, if they are less: an exact factor.
+double scale_up(double a, double b, double c)
+{
+    const double reach = fmax(fmax(fabs(a), fabs(b)), fabs(c));
+    return reach == 0.0 ? 1.0 : power_of_two(-clamp(exponent_above(reach), -1020, 0));
+}
+
 // t and, if it is not null, `weights` of the second and third vertex and the edge functions' sum, of a
 // hit whose edge functions u, v, w do not rule it out. False: no hit after all.
 bool finish_hit(const Projection *s, const Sheared *p, double u, double v, double w, double *t, double *weights)
 {
     const double reach = reach_of(p);
     const bool slender = fabs((u + v) + w) < 2.0 * reach * reach * reach;
-    double scale = 1.0;
+    double x_scale = 1.0, y_scale = 1.0;
     if (slender || fmin(fmin(fabs(u), fabs(v)), fabs(w)) < SMALLEST_PRODUCT) {
-        if (reach == 0.0)
-            return false;
-        scale = power_of_two(-clamp(exponent_above(reach), -1020, 0));  // up alone: exact
-        const double ax = p->ax * scale, bx = p->bx * scale, cx = p->cx * scale;
-        const double ay = p->ay * scale, by = p->by * scale, cy = p->cy * scale;
+        // Each axis to about 1: the weights have their digits however flat the triangle is seen.
+        x_scale = scale_up(p->ax, p->bx, p->cx);
+        y_scale = scale_up(p->ay, p->by, p->cy);
+        const double ax = p->ax * x_scale, bx = p->bx * x_scale, cx = p->cx * x_scale;
+        const double ay = p->ay * y_scale, by = p->by * y_scale, cy = p->cy * y_scale;
         u = difference_of_products(cx, by, cy, bx);
         v = difference_of_products(ax, cy, ay, cx);
         w = difference_of_products(bx, ay, by, ax);
@@ -56,7 +63,7 @@ bool finish_hit(const Projection *s, const Sheared *p, double u, double v, doubl
     if (weights) {
         weights[0] = v / det;
         weights[1] = w / det;
-        weights[2] = det / scale / scale;
+        weights[2] = det / x_scale / y_scale;
     }
     return true;
 }
@@ -84,10 +91,12 @@ bool within(const Ray *ray, const Meeting *meeting)
     return within_interval(ray, meeting->t);
 }
 
-// Whether the meeting with triangle `id` comes before that with `other`: ties go to the lowest id.
+// Whether the meeting with triangle `id` comes before that with `other`, by the t that is reported: ties go to
+// the lowest id.
 bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
 {
-    return meeting->t < best->t || (meeting->t == best->t && id < other);
+    const double t = scene_t(ray, meeting->t), least = scene_t(ray, best->t);
+    return t < least || (t == least && id < other);
 }
 
 double reported_t(const Ray *ray, const Meeting *meeting)

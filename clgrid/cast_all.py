@@ -58,6 +58,8 @@ def cast_all(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: 
     counts = np.sum([each[0] for each in found], axis=0, dtype=np.int64) if count else np.zeros(0, np.int64)
     splits = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     results = found[0][1] if len(found) == 1 else _merged(target, rays, found)
+    if target.rung.name == "exact":
+        _let_ascend(results, splits)
     ids = results["primitive_ids"].astype(np.int64)
     computed = {name: results[name] for name in fields}
     return AllHits(splits, results["t_hit"], ids, found[0][2], computed)
@@ -156,14 +158,29 @@ def _exactly(
     """The order with runs whose t are too close to tell sorted by the exact t."""
     low = (hits["t_hit"] - hits["t_err"])[order]
     high = (hits["t_hit"] + hits["t_err"])[order]
-    close = (low[1:] <= high[:-1]) & (ray_ids[order][1:] == ray_ids[order][:-1])
+    rays_in_order = ray_ids[order]
     fixed = order.copy()
-    ends = np.flatnonzero(~np.append(close, False)) + 1
-    for first, last in zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True):
-        if last - first > 1:
+    first = 0
+    for last in range(1, len(order) + 1):
+        end = last == len(order) or rays_in_order[last] != rays_in_order[first]
+        if end or low[last] > high[first:last].max():
             run = order[first:last].tolist()
-            fixed[first:last] = sorted(run, key=lambda hit: _exact_key(target, rays, ray_ids, hits, hit))
+            if len(run) > 1:
+                fixed[first:last] = sorted(run, key=lambda hit: _exact_key(target, rays, ray_ids, hits, hit))
+            first = last
     return fixed
+
+
+def _let_ascend(hits: Arrays, splits: npt.NDArray[np.int64]) -> None:
+    """Raise a t that contradicts the order of the exact ones to the one before; both errors cover that."""
+    t, errors = hits["t_hit"], hits["t_err"]
+    falls = np.flatnonzero(t[1:] < t[:-1]) + 1
+    begins = set(splits.tolist())
+    for fall in falls.tolist():
+        at = fall
+        while at < len(t) and at not in begins and t[at] < t[at - 1]:
+            t[at], errors[at] = t[at - 1], max(errors[at], errors[at - 1])
+            at += 1
 
 
 def _exact_key(

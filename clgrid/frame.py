@@ -113,6 +113,12 @@ class LocalFrame:
             local *= 2.0**-self.exponent
         return local
 
+    def loses(self, vertices: FloatArray, wide: npt.NDArray[np.float64]) -> bool:
+        """Whether a local coordinate is not the vertex' own, being rounded or too small beside the mesh."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            back = np.ldexp(wide, self.exponent) + self.offset
+        return not np.array_equal(back, vertices, equal_nan=True)
+
     def holds(self, vertices: FloatArray, local: npt.NDArray[np.float32]) -> bool:
         """Whether the float32 ``local`` coordinates are the vertices' own, without rounding."""
         return all(
@@ -124,7 +130,7 @@ class LocalFrame:
         # float32 vertices are rounded only where they underflow.
         if vertices.dtype == np.float32 and bool((np.abs(local) >= _SMALLEST_NORMAL).all()):
             return True
-        return np.array_equal(self.to_local_wide(vertices), local, equal_nan=True)
+        return not self.loses(vertices, local.astype(np.float64))
 
     def max_rounding(self, mesh: Mesh) -> float:
         """Largest change, in scene units, that a used coordinate suffers on its way to local."""

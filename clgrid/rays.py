@@ -61,9 +61,11 @@ def as_rays(
             raise InputError(f"{name} have dtype {array.dtype}; give real numbers")
     real = np.float32 if o.dtype == np.float32 and d.dtype == np.float32 else np.float64
     try:
-        o, d = np.broadcast_arrays(o, d)
+        shape = np.broadcast_shapes(o.shape, d.shape)
     except ValueError:
         raise InputError(f"origins {o.shape} and directions {d.shape} do not broadcast") from None
+    # Only what is not of that shape: a broadcast array is not to be written, so devices would copy it.
+    o, d = (a if a.shape == shape else np.broadcast_to(a, shape) for a in (o, d))
     return np.ascontiguousarray(o, real), np.ascontiguousarray(d, real)
 
 

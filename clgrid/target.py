@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.device import Device
+from clgrid.errors import MeshError
 from clgrid.frame import LocalFrame
 from clgrid.memory import Allocator, largest_buffer
 from clgrid.mesh import Mesh
@@ -88,6 +89,11 @@ class DeviceMesh:
         out[-1] = 0
         if self.rung.wide and not self.frame.holds(self.mesh.vertices, local):
             self._wide = self.frame.to_local_wide(self.mesh.vertices)
+            if self.rung.name == "exact" and self.frame.loses(self.mesh.vertices, self._wide):
+                raise MeshError(
+                    f"{self.mesh.source}: coordinates below 2^-1022 of the mesh's size, which exact cannot"
+                    " hold; make them 0, or choose precise"
+                )
         else:
             self._wide = None
 

@@ -200,7 +200,8 @@ def _closest(rays: LocalRays, vertices: F32, faces: npt.NDArray[np.uint32]) -> C
     at = rays.scene_t(tests.t)
     inside = tests.accepted & (at >= rays.t_min[:, None]) & (at <= rays.t_max[:, None])
     t = np.where(inside, tests.t, np.float32(np.inf))
-    best = np.argmin(t, axis=1)  # the first of equals
+    best = np.argmin(np.where(inside, at, np.inf), axis=1)  # the first of equals
+    best = np.where(inside[np.arange(len(rays)), best], best, np.argmax(inside, axis=1))  # t beyond double
     rows = np.arange(len(rays))
     hit = inside[rows, best]
     return Closest(

@@ -71,6 +71,12 @@ def _beyond(p: float, q: float, r: float, s: float) -> float:
     return a - b + tiny
 
 
+def scale_up(values: F64) -> F64:
+    """(N, 1) powers of two that bring the largest of each row of (N, 3) to about 1, if they are less."""
+    reach = np.abs(values).max(1, keepdims=True)
+    return np.where(reach > 0, np.ldexp(1.0, -np.clip(np.frexp(reach)[1], -1020, 0)), 1.0)
+
+
 def closest(mesh: Mesh, origins: F64, directions: F64, t_min: float = 0.0, t_max: float = np.inf) -> Closest:
     """The nearest accepted t in the interval, the lowest id among equals; rays (N, 3) float64."""
     frame = LocalFrame.of_bounds(mesh.bounds)
@@ -137,8 +143,8 @@ def _closest(
     slender = np.abs((edges[0] + edges[1]) + edges[2]) < 2.0 * reach * reach * reach
     redo = np.flatnonzero(~mixed & (reach > 0) & (slender | (np.abs(edges).min(0) < SMALLEST_PRODUCT)))
     if len(redo):
-        up = np.ldexp(1.0, -np.clip(np.frexp(reach[redo])[1], -1020, 0))
-        a_x, b_x, c_x, a_y, b_y, c_y = (v[redo] * up for v in (ax, bx, cx, ay, by, cy))
+        a_x, b_x, c_x = (px[redo] * scale_up(px[redo])).T
+        a_y, b_y, c_y = (py[redo] * scale_up(py[redo])).T
         edges[0, redo] = difference_of_products(c_x, b_y, c_y, b_x)
         edges[1, redo] = difference_of_products(a_x, c_y, a_y, c_x)
         edges[2, redo] = difference_of_products(b_x, a_y, b_y, a_x)
@@ -150,5 +156,6 @@ def _closest(
     accepted = ~mixed & (det != 0) & (reach > 0) & (at >= t_min) & (at <= t_max)
     if not accepted.any():
         return miss
-    best = int(np.argmin(np.where(accepted, t, np.inf)))
+    best = int(np.argmin(np.where(accepted, at, np.inf)))
+    best = best if accepted[best] else int(np.argmax(accepted))  # t beyond double
     return at[best : best + 1], np.array([best]), np.array([[v[best] / det[best], w[best] / det[best]]])
