@@ -23,17 +23,26 @@ bool walk_on(Axis *axis, int resolution, double stop, uint *cell, bool *entered)
     return inside;
 }
 
-// Tests every triangle: for a ray that the walk cannot follow.
+#ifdef RUNG_EXACT
+// Tests every triangle: for a ray that the walk cannot follow, or that lies in so many triangles, each in so many
+// cells, that this is less work.
 void test_all(const Ray *ray, const Projection *projection, __constant const GridParams *grid, MESH_PARAMETERS,
               Hit *hit)
 {
+#ifdef QUERY_EACH
+    hit->count = 0;
+    hit->from = -INFINITY;
+    hit->to = INFINITY;
+#endif
     for (uint id = 0; id < grid->triangle_count && !settled(hit); ++id)
         keep(ray, projection, MESH_ARGUMENTS, id, hit);
 }
+#endif
 
 // Walks the grid for `hit`: no_hit(), or bound_of() the nearest so far: what is not nearer than that is no
-// hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid").
-void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
+// hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid"). False: that
+// had better be done.
+bool walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
 {
     Axis x, y, z;
     double t_in = first_t(ray), t_out = last_t(ray);
@@ -45,7 +54,7 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
         || !enter_slab(&y, oy, dy, grid->lower[1], grid->upper[1], grid->cell_size[1], my, &t_in, &t_out)
         || !enter_slab(&z, oz, dz, grid->lower[2], grid->upper[2], grid->cell_size[2], mz, &t_in, &t_out)
         || t_in > t_out)
-        return;
+        return true;
 
     const int ix = start_cell(&x, ox, dx, grid->lower[0], grid->cell_size[0], mx, t_in);
     const int iy = start_cell(&y, oy, dy, grid->lower[1], grid->cell_size[1], my, t_in);
@@ -99,6 +108,10 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
             }
             if (settled(hit))
                 break;
+#ifdef RUNG_EXACT
+            if (hit->decisions > MOST_DECISIONS(grid->triangle_count))
+                return false;
+#endif
 #ifndef QUERY_EACH
             // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
             const double bound = (double)hit->meeting.t + slack;
@@ -118,6 +131,7 @@ void walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
         if (!inside)
             break;
     }
+    return true;
 }
 
 // What the query asks for of the triangles that the ray meets.
@@ -127,11 +141,11 @@ Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
         return hit;
     const Projection projection = projection_of(ray);
 #ifdef RUNG_EXACT
-    if (ray->astray)
+    if (ray->astray || !walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit))
         test_all(ray, &projection, grid, MESH_ARGUMENTS, &hit);
-    else
+#else
+    walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
 #endif
-        walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
     describe_hit(ray, &projection, MESH_ARGUMENTS, &hit);
     return hit;
 }

@@ -36,6 +36,9 @@ typedef struct {
 #ifdef QUERY_ALL
     Records records;
 #endif
+#ifdef RUNG_EXACT
+    uint decisions;   // by integers
+#endif
 #ifdef COUNT_STEPS
     uint steps;       // cells looked at
     uint tests;       // triangles tested
@@ -54,6 +57,9 @@ Hit no_hit(void)
     miss.count = 0;
     miss.from = -INFINITY;
     miss.to = INFINITY;
+#endif
+#ifdef RUNG_EXACT
+    miss.decisions = 0;
 #endif
 #ifdef COUNT_STEPS
     miss.steps = miss.tests = miss.batches = 0;
@@ -77,7 +83,13 @@ __attribute__((noinline))
 void keep(const Ray *ray, const Projection *projection, MESH_PARAMETERS, uint id, Hit *hit)
 {
     Meeting meeting;
-    if (settled(hit) || !meet(ray, projection, MESH_ARGUMENTS, id, &meeting))
+    if (settled(hit))
+        return;
+    const bool met = meet(ray, projection, MESH_ARGUMENTS, id, &meeting);
+#ifdef RUNG_EXACT
+    hit->decisions += meeting.certain ? 0u : 1u;
+#endif
+    if (!met)
         return;
 #ifdef QUERY_EACH
     if (!((double)meeting.t >= hit->from && (double)meeting.t < hit->to) || !within(ray, &meeting))

@@ -15,9 +15,12 @@
 // A t that is off by more is computed in integers: the walk counts on less than T_SLACK.
 #define LARGEST_T_ERROR 0x1p-30
 
+// So many decisions by integers on one walk cost about as much as testing all triangles once would.
+#define MOST_DECISIONS(triangles) (64u + (triangles) / 256u)
+
 typedef struct {
     double t, error;   // |t - the exact one| <= error
-    bool certain;      // the filter decided that the ray crosses the triangle
+    bool certain;      // the filter decided whether the ray crosses the triangle
     Corners corners;
 } Meeting;
 
@@ -25,12 +28,12 @@ __attribute__((noinline))
 bool crosses_exactly(const Ray *ray, Meeting *meeting, double *weights)
 {
     Exact e;
+    meeting->certain = false;
     set_exact(&e, ray, &meeting->corners, unit_of(ray, &meeting->corners));
     if (!crossed(&e))
         return false;
     meeting->t = local_t(&e, ray);
     meeting->error = 0x1p-50 * fabs(meeting->t) + 0x1p-1060;
-    meeting->certain = false;
     if (weights) {
         weights[0] = quotient(&e.edge[1], &e.under, 0);
         weights[1] = quotient(&e.edge[2], &e.under, 0);
@@ -43,6 +46,7 @@ bool crosses(const Ray *ray, const Projection *s, Meeting *meeting, double *weig
 {
     if (ray->astray)
         return crosses_exactly(ray, meeting, weights);
+    meeting->certain = true;
     const Sheared p = shear_triangle(s, &meeting->corners);
     const double u = p.cx * p.by - p.cy * p.bx;
     const double v = p.ax * p.cy - p.ay * p.cx;
@@ -61,7 +65,6 @@ bool crosses(const Ray *ray, const Projection *s, Meeting *meeting, double *weig
         return crosses_exactly(ray, meeting, weights);
     meeting->t = t;
     meeting->error = error;
-    meeting->certain = true;
     if (weights) {
         weights[0] = v / det;
         weights[1] = w / det;
