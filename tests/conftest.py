@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,25 @@ def _parameters(descriptions: list[Description]) -> list[object]:
         working += outcome.ok
         parameters.append(pytest.param(description.label, id=description.label, marks=marks))
     return parameters
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deal thorough tests to the devices by name: each case runs on one of them."""
+    labels = [description.label for description in wanted(config) if usable(description).ok]
+    elsewhere = [item for item in items if item.get_closest_marker("thorough") and _is_elsewhere(item, labels)]
+    if elsewhere:
+        config.hook.pytest_deselected(items=elsewhere)
+        left = set(elsewhere)
+        items[:] = [item for item in items if item not in left]
+
+
+def _is_elsewhere(item: pytest.Item, labels: list[str]) -> bool:
+    callspec = getattr(item, "callspec", None)
+    label = callspec.params.get("device") if callspec is not None else None
+    if label not in labels:
+        return False
+    case = item.nodeid.replace(str(label), "")
+    return labels.index(label) != zlib.crc32(case.encode()) % len(labels)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -16,7 +16,7 @@ from clgrid.device import Device
 from clgrid.mesh import Mesh
 
 # Seconds in all, but the fast part has none to spare: of these, it has test_watertightness_suites.py.
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]
 
 
 # Precision, scale, double

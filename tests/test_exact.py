@@ -124,6 +124,7 @@ def beyond(corners: npt.NDArray[np.floating], direction: F64) -> bool:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(case=cases())
 def test_any_case_equals_rational_arithmetic(case: Case, device: Device) -> None:
@@ -148,6 +149,7 @@ CONVEX = ("tetrahedron", "cube", "icosphere")
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("offset", "scale"), PLACES)
 @pytest.mark.parametrize("name", CLOSED)
 def test_closed_meshes_have_no_escapes_and_no_wrong_parity(
@@ -191,6 +193,7 @@ def surface_points(mesh: Mesh, count: int, seed: int) -> F64:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CLOSED)
 def test_contains_equals_rational_arithmetic(name: str, device: Device) -> None:
     """The truth counts along another direction: for a closed mesh all give the same answer."""
@@ -207,6 +210,7 @@ def test_contains_equals_rational_arithmetic(name: str, device: Device) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_point_of_a_closed_surface_belongs_to_one_side(device: Device) -> None:
     """Cubes that fill space: each point of it, also of faces, edges and corners, is in just one of them."""
     rng = np.random.default_rng(32)
@@ -259,6 +263,7 @@ EVERY_GRID: list[dict[str, Any]] = [
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("name", BIT_MESHES)
 def test_no_grid_changes_a_bit(name: str, accuracy: str, device: Device) -> None:
@@ -269,6 +274,7 @@ def test_no_grid_changes_a_bit(name: str, accuracy: str, device: Device) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("name", BIT_MESHES)
 def test_no_device_changes_a_bit(name: str, accuracy: str, all_devices: list[Device]) -> None:
@@ -281,6 +287,7 @@ def test_no_device_changes_a_bit(name: str, accuracy: str, all_devices: list[Dev
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("name", BIT_MESHES)
 def test_the_order_of_triangles_changes_ids_alone(name: str, accuracy: str, device: Device) -> None:
@@ -334,6 +341,7 @@ print(test_exact.digest(sys.argv[2]))
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are limited by affinity")
 def test_no_number_of_threads_changes_a_bit(device: Device) -> None:
     here = Path(__file__).parent

@@ -332,6 +332,7 @@ def cone(count: int, rays: int) -> Extreme:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("name", CASES)
 def test_extremes(name: str, accuracy: str, device: Device) -> None:
@@ -358,6 +359,7 @@ def test_extremes(name: str, accuracy: str, device: Device) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize(
     "name", ["from 1e6 diagonals", "float64 far from the origin", "float32 times 1e-30", "coplanar stacks"]
@@ -387,6 +389,7 @@ def test_intervals_around_a_hit(name: str, accuracy: str, device: Device) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_zeros_of_all_kinds_are_parallel(accuracy: str, device: Device) -> None:
     """A box seen along its axes: whatever the other components are that come to nothing."""
@@ -402,6 +405,7 @@ def test_zeros_of_all_kinds_are_parallel(accuracy: str, device: Device) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_a_million_copies_of_one_triangle(accuracy: str, device: Device) -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0.25], [0, 1, 0.5]], np.float32)
@@ -418,6 +422,7 @@ def test_a_million_copies_of_one_triangle(accuracy: str, device: Device) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_100_000_triangles_that_share_a_vertex(accuracy: str, device: Device) -> None:
     extreme = cone(50_000, 52)

@@ -48,6 +48,7 @@ def test_queries_agree(accuracy: str, device: Device) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize(
     "name", ["ball", "stacks", "torus", "edge_on_slivers", "soup", "flat", "one", "far_float64"]
@@ -79,6 +80,7 @@ def test_queries_agree_in_every_interval(name: str, accuracy: str, device: Devic
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_a_scalar_interval_is_that_of_each_ray(accuracy: str, device: Device) -> None:
     mesh = MESHES["soup"]
@@ -93,6 +95,7 @@ def test_a_scalar_interval_is_that_of_each_ray(accuracy: str, device: Device) ->
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_float32_rays_are_the_same_rays(accuracy: str, device: Device) -> None:
     mesh = MESHES["soup"]
@@ -115,6 +118,7 @@ def stack(count: int, copies: bool = False) -> Mesh:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("copies", [False, True])
 def test_ten_thousand_hits_a_ray(copies: bool, accuracy: str, device: Device) -> None:
@@ -144,6 +148,7 @@ def test_ten_thousand_hits_a_ray(copies: bool, accuracy: str, device: Device) ->
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_hits_beyond_the_largest_buffer_are_refused(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     grid = build(stack(2000, copies=True), resolution=(1, 1, 1), device=device)
     rays = query(np.tile([0.0, 0, -1], (64, 1)), (0, 0, 1))
@@ -248,6 +253,7 @@ def test_only_what_was_asked_for_is_computed(device: Device) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_what_else_is_asked_for_changes_no_bit(accuracy: str, device: Device) -> None:
     mesh = MESHES["stacks"]
@@ -285,6 +291,7 @@ def assert_parts_change_nothing(whole: Grid, split: Grid, rays: Query) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("largest", [100_000, 12_000])
 def test_parts_change_no_query(
@@ -300,6 +307,7 @@ def test_parts_change_no_query(
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_ties_between_parts_change_no_query(
     accuracy: str, device: Device, monkeypatch: pytest.MonkeyPatch
@@ -353,6 +361,7 @@ def near_ties(count: int, seed: int) -> tuple[Mesh, Query]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_near_ties_are_in_exact_order(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the triangles are in different parts, whose hits the host sorts."""
     mesh, rays = near_ties(200, 10)

@@ -125,6 +125,7 @@ def truth(name: str, ids: bytes) -> list[Fraction | None]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", ["robust", "precise"])
 @pytest.mark.parametrize("name", KINDS)
 def test_t_err_holds_the_true_t_and_is_small(
@@ -152,6 +153,7 @@ def test_t_err_holds_the_true_t_and_is_small(
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", ["robust", "precise"])
 @pytest.mark.parametrize(
     "name", ["edge_on_slivers", "needle_fan", "stacks", "soup", "far_float32", "times_1e-30"]
