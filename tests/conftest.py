@@ -64,7 +64,9 @@ def _parameters(descriptions: list[Description]) -> list[object]:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deal thorough tests to the devices by name: each case runs on one of them."""
     labels = [description.label for description in wanted(config) if usable(description).ok]
-    elsewhere = [item for item in items if item.get_closest_marker("thorough") and _is_elsewhere(item, labels)]
+    elsewhere = [
+        item for item in items if item.get_closest_marker("thorough") and _is_elsewhere(item, labels)
+    ]
     if elsewhere:
         config.hook.pytest_deselected(items=elsewhere)
         left = set(elsewhere)
