@@ -53,7 +53,7 @@ GRIDS: list[dict[str, Any]] = [
 ]
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=16)
 def fan_case(dtype: type, exponent: int, count: int, rays: int, seed: int) -> tuple[FanScene, Query, Truth]:
     """Fans, their rays and the truth, once for all devices."""
     fans = fan_scene(count, seed, rays, dtype, exponent)
