@@ -165,7 +165,7 @@ def test_closed_meshes_have_no_escapes_and_no_wrong_parity(
     assert (answers.counts % 2 == 1).all()
     if name in CONVEX:
         assert (answers.counts == 1).all()
-    line = query(*structured(mesh, 2600, 22), -np.inf)
+    line = query(*structured(mesh, 1300, 22), -np.inf)
     assert (ask(grid, line).counts % 2 == 0).all()
     some = part(line, slice(0, 150))
     assert_exact(ask(grid, some), truth_of(Triangles.of_mesh(mesh), some), mesh, some)
@@ -269,7 +269,7 @@ EVERY_GRID: list[dict[str, Any]] = [
 def test_no_grid_changes_a_bit(name: str, accuracy: str, device: Device) -> None:
     mesh = MESHES[name]
     for low in (-np.inf, 0.0):
-        rays = query(*structured(mesh, 1500, 41), low)
+        rays = query(*structured(mesh, 400, 41), low)
         assert_lossless(mesh, device, accuracy, rays, EVERY_GRID)
 
 
@@ -279,7 +279,7 @@ def test_no_grid_changes_a_bit(name: str, accuracy: str, device: Device) -> None
 @pytest.mark.parametrize("name", BIT_MESHES)
 def test_no_device_changes_a_bit(name: str, accuracy: str, all_devices: list[Device]) -> None:
     mesh = MESHES[name]
-    rays = query(*structured(mesh, 4000, 42), -np.inf)
+    rays = query(*structured(mesh, 1500, 42), -np.inf)
     first, *others = (ask(build(mesh, density=4, accuracy=accuracy, device=d), rays) for d in all_devices)
     for other in others:
         assert_same(other.hits, first.hits)
@@ -295,7 +295,7 @@ def test_the_order_of_triangles_changes_ids_alone(name: str, accuracy: str, devi
     mesh = MESHES[name]
     order = np.random.default_rng(43).permutation(mesh.triangle_count)
     mixed = Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[order]))
-    rays = query(*structured(mesh, 3000, 43))
+    rays = query(*structured(mesh, 1000, 43))
     plain, other = (ask(build(m, density=4, accuracy=accuracy, device=device), rays) for m in (mesh, mixed))
     np.testing.assert_array_equal(other.counts, plain.counts)
     mask, ids = plain.hits.mask, plain.hits.primitive_ids
@@ -323,7 +323,7 @@ def digest(device: Device | str) -> str:
     whole = hashlib.sha256()
     for accuracy in RUNGS:
         mesh = MESHES["stacks"]
-        rays = query(*structured(mesh, 4000, 44))
+        rays = query(*structured(mesh, 1500, 44))
         answers = ask(build(mesh, density=4, accuracy=accuracy, device=device), rays)
         for found in (answers.hits, answers.every):
             for name in ("t_hit", "primitive_ids", *found.computed):

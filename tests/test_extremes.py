@@ -73,7 +73,7 @@ def of_families(mesh: Mesh, names: tuple[str, ...], count: int = 1200, low: floa
 def _of_size(by: float, dtype: type) -> Case:
     def make() -> Extreme:
         mesh = scaled(BALL, by, dtype)
-        return Extreme(mesh, query(*structured(mesh, 1300, 72)), np.zeros(3))
+        return Extreme(mesh, query(*structured(mesh, 520, 72)), np.zeros(3))
 
     return make
 
@@ -88,7 +88,7 @@ def _() -> Extreme:
     """The whole mesh: coordinates are small multiples of 2^-149."""
     mesh = Mesh(np.ldexp(lattice_box(8).vertices * 4, -149 + 6).astype(np.float32), lattice_box(8).faces)
     assert 0 < np.abs(mesh.vertices).max() < 2.0**-126
-    return Extreme(mesh, query(*structured(mesh, 1300, 73)), np.zeros(3))
+    return Extreme(mesh, query(*structured(mesh, 520, 73)), np.zeros(3))
 
 
 @case("vertices with denormal coordinates")
@@ -102,7 +102,7 @@ def _() -> Extreme:
     vertices[flat] = rng.choice(tiny, size=int(flat.sum()))
     assert flat.sum() > 50
     mesh = Mesh(vertices, torus(24, 16).faces)
-    return Extreme(mesh, query(*structured(mesh, 1300, 74)), np.array([1.0, 0, 0]))
+    return Extreme(mesh, query(*structured(mesh, 520, 74)), np.array([1.0, 0, 0]))
 
 
 @case("float64 far from the origin")
@@ -110,14 +110,14 @@ def _() -> Extreme:
     """A thousand million diagonals away."""
     way = 3.5e9
     mesh = moved(BALL, way, np.float64)
-    return Extreme(mesh, query(*structured(mesh, 1300, 75)), way * np.array([1, -0.7, 0.3]))
+    return Extreme(mesh, query(*structured(mesh, 520, 75)), way * np.array([1, -0.7, 0.3]))
 
 
 @case("far along one axis")
 def _() -> Extreme:
     vertices = BALL.vertices.astype(np.float64) + np.array([0, 0, 3.5e9])
     mesh = Mesh(vertices, BALL.faces)
-    return Extreme(mesh, query(*structured(mesh, 1300, 76)), np.array([0, 0, 3.5e9]))
+    return Extreme(mesh, query(*structured(mesh, 520, 76)), np.array([0, 0, 3.5e9]))
 
 
 @case("from 1e6 diagonals")
@@ -249,7 +249,7 @@ def _() -> Extreme:
     points = np.repeat(ball[:, :1], 3, axis=1)
     mesh = soup(rng.permutation(np.concatenate([ball, ball, lines, points, ball[:, [1, 2, 0]]])))
     # The centre must not be left out: the ball is there, and there again, and is closed.
-    return Extreme(mesh, query(*structured(mesh, 1300, 82)), np.zeros(3))
+    return Extreme(mesh, query(*structured(mesh, 520, 82)), np.zeros(3))
 
 
 @case("needles of aspect 1e8")
@@ -269,7 +269,7 @@ def _() -> Extreme:
 def _() -> Extreme:
     mesh = needle_fan(200)
     # Cells are slices of the cone, each with half of all triangles, that rays along it meet again and again.
-    return Extreme(mesh, query(*structured(mesh, 1300, 85)), np.zeros(3), density=0.5)
+    return Extreme(mesh, query(*structured(mesh, 520, 85)), np.zeros(3), density=0.5)
 
 
 @case("coplanar stacks")
@@ -277,7 +277,7 @@ def _() -> Extreme:
     rng = np.random.default_rng(86)
     corners = rng.integers(-4, 5, (400, 3, 3)).astype(float)
     corners[:, :, 2] = rng.integers(-1, 2, (400, 1)) * 2.0**-12
-    return Extreme(soup(corners), query(*structured(soup(corners), 900, 87), -np.inf))
+    return Extreme(soup(corners), query(*structured(soup(corners), 400, 87), -np.inf))
 
 
 @case("one as large as the scene")
@@ -286,13 +286,13 @@ def _() -> Extreme:
     small = rng.uniform(-1, 1, (400, 1, 3)) + 1e-3 * rng.normal(size=(400, 3, 3))
     large = np.array([[[-1, -1, -1], [1, 1, -0.5], [-0.5, 1, 1]], [[-1.0, 1, -1], [1, -1, 0.1], [1, 1, 1]]])
     mesh = soup(np.concatenate([small[:200], large, small[200:]]))
-    return Extreme(mesh, query(*structured(mesh, 1300, 89)))
+    return Extreme(mesh, query(*structured(mesh, 520, 89)))
 
 
 @case("one triangle")
 def _() -> Extreme:
     mesh = soup(np.array([[[0, 0, 0], [1, 0, 0.25], [0, 1, 0.5]]]))
-    return Extreme(mesh, query(*structured(mesh, 1300, 90), -np.inf))
+    return Extreme(mesh, query(*structured(mesh, 520, 90), -np.inf))
 
 
 @case("copies of one triangle")
@@ -305,7 +305,7 @@ def _() -> Extreme:
 def _() -> Extreme:
     """At 8 cells an axis, up to the margin of the grid."""
     mesh = lattice_box(8)
-    return Extreme(mesh, query(*structured(mesh, 1300, 92, (8, 8, 8))), np.zeros(3))
+    return Extreme(mesh, query(*structured(mesh, 520, 92, (8, 8, 8))), np.zeros(3))
 
 
 @case("a fan around one vertex")

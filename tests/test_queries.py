@@ -56,7 +56,7 @@ def test_queries_agree(accuracy: str, device: Device) -> None:
 def test_queries_agree_in_every_interval(name: str, accuracy: str, device: Device) -> None:
     """Bounds at hits and one double on either side: scalar and by ray, alone and together."""
     mesh = MESHES[name]
-    o, d, *_ = query(*structured(mesh, 1300, 2))
+    o, d, *_ = query(*structured(mesh, 520, 2))
     grid = build(mesh, density=4, accuracy=accuracy, device=device)
     every = grid.cast_all(o, d, -np.inf, np.inf)
     middle = np.ones(len(o))
@@ -257,7 +257,7 @@ def test_only_what_was_asked_for_is_computed(device: Device) -> None:
 @pytest.mark.parametrize("accuracy", RUNGS)
 def test_what_else_is_asked_for_changes_no_bit(accuracy: str, device: Device) -> None:
     mesh = MESHES["stacks"]
-    rays = query(*structured(mesh, 1300, 6))
+    rays = query(*structured(mesh, 520, 6))
     grid = build(mesh, density=4, accuracy=accuracy, device=device)
     whole = ask(grid, rays)
     for fields in ((), ("t_err",), ("primitive_uvs",), ("steps",), fields_of(accuracy)[-1:]):
