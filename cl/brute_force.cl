@@ -8,19 +8,6 @@
 #define RAYS 16
 #define TILE 512
 
-Points points_of_soup(__global const float *corner, size_t n)
-{
-    const Points p = {vload8(0, corner), vload8(0, corner + n), vload8(0, corner + 2 * n)};
-    return p;
-}
-
-Corners8 corners_of_soup(__global const float *first, size_t n)
-{
-    const Corners8 corners = {points_of_soup(first, n), points_of_soup(first + 3 * n, n),
-                              points_of_soup(first + 6 * n, n)};
-    return corners;
-}
-
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void brute_force(__constant const FrameParams *frame, uint triangle_count, uint padded_count,
                           __global const float *soup, MESH_PARAMETERS, RAY_PARAMETERS, uint ray_count,
@@ -51,8 +38,7 @@ __kernel void brute_force(__constant const FrameParams *frame, uint triangle_cou
             if (!rays[i].reaches)
                 continue;
             for (uint first = tile; first < tile_end; first += 8) {
-                const Corners8 corners = corners_of_soup(soup + first, padded_count);
-                int8 open = candidates_of(&projections[i], &corners);
+                int8 open = candidates_of_soup(&projections[i], soup + first, padded_count);
 #ifdef RUNG_EXACT
                 if (rays[i].astray)
                     open = (int8)(-1);

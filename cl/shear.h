@@ -84,4 +84,14 @@ int8 candidates_of_shear(const Shear *s, const Corners8 *p)
     return candidates(&w, a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z);
 }
 
+// The same for eight triangles of a soup: nine arrays of n coordinates, 3 * corner + axis.
+int8 candidates_of_sheared_soup(const Shear *s, __global const float *corner, size_t n)
+{
+    return candidates(s, vload8(0, corner + s->kx * n), vload8(0, corner + s->ky * n),
+                      vload8(0, corner + s->kz * n), vload8(0, corner + (3 + s->kx) * n),
+                      vload8(0, corner + (3 + s->ky) * n), vload8(0, corner + (3 + s->kz) * n),
+                      vload8(0, corner + (6 + s->kx) * n), vload8(0, corner + (6 + s->ky) * n),
+                      vload8(0, corner + (6 + s->kz) * n));
+}
+
 #endif

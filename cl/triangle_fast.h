@@ -55,6 +55,19 @@ int8 candidates_of(const Projection *line, const Corners8 *p)
     return are_inside(m.u, m.v);
 }
 
+Points points_of_soup(__global const float *corner, size_t n)
+{
+    const Points p = {vload8(0, corner), vload8(0, corner + n), vload8(0, corner + 2 * n)};
+    return p;
+}
+
+int8 candidates_of_soup(const Projection *line, __global const float *corner, size_t n)
+{
+    const Corners8 corners = {points_of_soup(corner, n), points_of_soup(corner + 3 * n, n),
+                              points_of_soup(corner + 6 * n, n)};
+    return candidates_of(line, &corners);
+}
+
 // A triangle alone, by the same operations.
 Meetings meet_one(const Projection *line, MESH_PARAMETERS, uint id)
 {

@@ -24,6 +24,11 @@ int8 candidates_of(const Projection *projection, const Corners8 *corners)
     return candidates_of_shear(projection, corners);
 }
 
+int8 candidates_of_soup(const Projection *projection, __global const float *corner, size_t n)
+{
+    return candidates_of_sheared_soup(projection, corner, n);
+}
+
 // The vertices as the ray sees them: relative to the origin, permuted, sheared.
 typedef struct {
     float ax, ay, az, bx, by, bz, cx, cy, cz;
