@@ -3,9 +3,6 @@
 //   counts[ray]       all of its hits, also those for which there was no room
 //   invalid[chunk]    rays of the chunk that have no direction or are not finite
 #define QUERY_ALL
-#if defined(RUNG_EXACT) && !defined(WITH_T_ERR)
-#define WITH_T_ERR
-#endif
 #include "grid.h"
 #include "rays_in_out.h"
 

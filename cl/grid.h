@@ -93,13 +93,16 @@ bool walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
             }
         }
 #endif
+#ifdef QUERY_EACH
+        const double leaves = fmin(fmin(x.t_next, y.t_next), z.t_next);
+#endif
         List list = {0, 0};
         if (full)
             list = find_list(cell, grid, LIST_ARGUMENTS);
         if (list.count != 0) {
 #ifdef QUERY_EACH
             hit->from = crossed;
-            hit->to = fmin(fmin(x.t_next, y.t_next), z.t_next);
+            hit->to = leaves;
 #endif
             while (list.count != 0) {
                 uint ids[8];
@@ -120,7 +123,7 @@ bool walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PA
         }
         bool inside;
 #ifdef QUERY_EACH
-        crossed = fmin(fmin(x.t_next, y.t_next), z.t_next);
+        crossed = leaves;
 #endif
         if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
             inside = walk_on(&x, mx, stop, &cell, &entered);

@@ -3,6 +3,7 @@
 #ifndef CLG_TRIANGLE_FAST_H
 #define CLG_TRIANGLE_FAST_H
 #include "gather.h"
+#include "meeting.h"
 #include "ray.h"
 
 // How far outside, in barycentric weights, still hits: rays through a shared edge then seldom miss both sides.
@@ -11,10 +12,6 @@
 typedef struct {
     float ox, oy, oz, dx, dy, dz;
 } Projection;
-
-typedef struct {
-    float t;
-} Meeting;
 
 Projection projection_of(const Ray *ray)
 {
@@ -80,24 +77,6 @@ bool meet(const Ray *ray, const Projection *line, MESH_PARAMETERS, uint id, Meet
     const Meetings m = meet_one(line, MESH_ARGUMENTS, id);
     meeting->t = m.t.s0;
     return are_inside(m.u, m.v).s0 != 0 && isfinite(m.t.s0);
-}
-
-bool within(const Ray *ray, const Meeting *meeting)
-{
-    return within_interval(ray, meeting->t);
-}
-
-// Whether the meeting with triangle `id` comes before that with `other`, by the t that is reported: ties go to
-// the lowest id.
-bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
-{
-    const double t = scene_t(ray, meeting->t), least = scene_t(ray, best->t);
-    return t < least || (t == least && id < other);
-}
-
-double reported_t(const Ray *ray, const Meeting *meeting)
-{
-    return scene_t(ray, meeting->t);
 }
 
 // The weights of the second and third vertex; this rung knows no error of t.

@@ -4,15 +4,12 @@
 #ifndef CLG_TRIANGLE_PRECISE_H
 #define CLG_TRIANGLE_PRECISE_H
 #include "big.h"
+#include "meeting.h"
 #include "t_error.h"
 #include "wide_shear.h"
 
 // Products below this may have lost digits to underflow.
 #define SMALLEST_PRODUCT 0x1p-900
-
-typedef struct {
-    double t;
-} Meeting;
 
 // p q - r s with the exact sign, and a relative error of some 2^-51, unless it is below 2^-1000.
 // Factors are at most 8.
@@ -84,24 +81,6 @@ bool meet(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, Meeting
     const Corners corners = corners_of(id, MESH_ARGUMENTS);
     const Sheared p = shear_triangle(s, &corners);
     return intersect_triangle(s, &p, &meeting->t, 0);
-}
-
-bool within(const Ray *ray, const Meeting *meeting)
-{
-    return within_interval(ray, meeting->t);
-}
-
-// Whether the meeting with triangle `id` comes before that with `other`, by the t that is reported: ties go to
-// the lowest id.
-bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
-{
-    const double t = scene_t(ray, meeting->t), least = scene_t(ray, best->t);
-    return t < least || (t == least && id < other);
-}
-
-double reported_t(const Ray *ray, const Meeting *meeting)
-{
-    return scene_t(ray, meeting->t);
 }
 
 // Of a hit: the weights of the second and third vertex, from the same arithmetic that accepted it, and the

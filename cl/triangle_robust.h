@@ -4,15 +4,12 @@
 // Weights and t are formed in float64, so that neighbours agree closely on t.
 #ifndef CLG_TRIANGLE_ROBUST_H
 #define CLG_TRIANGLE_ROBUST_H
+#include "meeting.h"
 #include "mesh.h"
 #include "shear.h"
 #include "t_error.h"
 
 typedef Shear Projection;
-
-typedef struct {
-    float t;
-} Meeting;
 
 Projection projection_of(const Ray *ray)
 {
@@ -112,24 +109,6 @@ bool meet(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, Meeting
 {
     const Sheared p = shear_triangle(s, vertices, faces + 3 * (size_t)id);
     return intersect_triangle(s, &p, &meeting->t, 0);
-}
-
-bool within(const Ray *ray, const Meeting *meeting)
-{
-    return within_interval(ray, meeting->t);
-}
-
-// Whether the meeting with triangle `id` comes before that with `other`, by the t that is reported: ties go to
-// the lowest id.
-bool before(const Ray *ray, uint id, const Meeting *meeting, uint other, const Meeting *best)
-{
-    const double t = scene_t(ray, meeting->t), least = scene_t(ray, best->t);
-    return t < least || (t == least && id < other);
-}
-
-double reported_t(const Ray *ray, const Meeting *meeting)
-{
-    return scene_t(ray, meeting->t);
 }
 
 // Of a hit: the weights of the second and third vertex, from the same arithmetic that accepted it, and the

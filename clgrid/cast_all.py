@@ -13,7 +13,6 @@ from clgrid.cast import RAYS_PER_ITEM, Arrays, GridPart, blank, field_defines, g
 from clgrid.errors import InputError
 from clgrid.hits import AllHits
 from clgrid.memory import largest_buffer
-from clgrid.rational import plane_t
 from clgrid.rays import Rays
 from clgrid.target import DeviceMesh
 
@@ -90,15 +89,14 @@ def _in_order(
     target: DeviceMesh, part: GridPart, rays: Rays, fields: Sequence[str], done: _Chunks
 ) -> list[Arrays]:
     """The hits of all chunks in the order of rays; chunks that had no room for all are cast again."""
-    needed, room = done.by_chunk, done.room
-    again = np.flatnonzero(needed > room)
-    kept = _rows(done.starts[:-1].astype(np.int64), np.where(needed > room, 0, needed))
+    needed, begins = done.by_chunk, done.starts[:-1].astype(np.int64)
+    again = np.flatnonzero(needed > done.room)
     if not len(again):
-        return [{name: array[kept] for name, array in done.arrays.items()}]
+        rows = _rows(begins, needed)
+        return [{name: array[rows] for name, array in done.arrays.items()}]
     starts = np.concatenate([[0], np.cumsum(needed[again])]).astype(np.uint64)
     second = _cast(target, part, _chunks_of(rays, again), fields, starts)
     # The regions of the second cast follow those of the first; rows are then picked in the order of chunks.
-    begins = done.starts[:-1].astype(np.int64)
     begins[again] = int(done.starts[-1]) + starts[:-1].astype(np.int64)
     rows = _rows(begins, needed)
     return [{name: np.concatenate([array, second.arrays[name]])[rows] for name, array in done.arrays.items()}]
@@ -186,6 +184,8 @@ def _let_ascend(hits: Arrays, splits: npt.NDArray[np.int64]) -> None:
 def _exact_key(
     target: DeviceMesh, rays: Rays, ray_ids: npt.NDArray[np.int64], hits: Arrays, hit: int
 ) -> tuple[Any, int]:
+    from clgrid.rational import plane_t
+
     triangle, ray = int(hits["primitive_ids"][hit]), int(ray_ids[hit])
     o, d = rays.origins.reshape(-1, 3)[ray], rays.directions.reshape(-1, 3)[ray]
     return plane_t(target.mesh.vertices[target.mesh.faces[triangle]], o, d), triangle

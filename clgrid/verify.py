@@ -32,7 +32,6 @@ F64 = npt.NDArray[np.float64]
 Progress = Callable[[str, float | None], None]
 InWords = Callable[[int], object]
 
-_FIELDS = ("primitive_uvs", "t_err")
 _BATCH = 1 << 17
 # Rays times triangles that brute force tests on a rung: seconds on a few cores.
 _MOST_TESTS = 4_000_000_000
@@ -162,8 +161,8 @@ class _Tally:
             wrong_hits=self.number("wrong_hits"),
             wrong_ids=self.number("wrong_ids"),
             wrong_counts=self.number("wrong_counts"),
-            exact_hits=len(self.shares),
-            late=self.number("late"),
+            exact_hits=len(self.ulps),
+            late=self.number("late") if grid.rung.lossless else None,
             worst_ulps=max(self.ulps, default=None),
             worst_share=max(self.shares, default=None),
             median_share=float(np.median(self.shares)) if self.shares else None,
@@ -279,12 +278,17 @@ def _in_exact_arithmetic(
     return found
 
 
+def _fields(grid: Grid) -> tuple[str, ...]:
+    """What is compared: ``fast`` knows no error of t."""
+    return ("primitive_uvs", "t_err") if grid.rung.lossless else ("primitive_uvs",)
+
+
 def _inspect(
     tally: _Tally, batch: Batch, sample: int, expected: list[list[Crossing]], *, closed: bool
 ) -> None:
     """Cast a batch and note all that is wrong with it."""
     grid, rays = tally.grid, (batch.origins, batch.directions)
-    hits, counts = grid.cast(*rays, fields=_FIELDS), grid.count(*rays)
+    hits, counts = grid.cast(*rays, fields=_fields(grid)), grid.count(*rays)
     tally.rays += len(batch)
     tally.hits += int(np.count_nonzero(hits.mask))
     if closed:
@@ -308,10 +312,11 @@ def _compare_with_brute_force(
     grid, first = tally.grid, slice(count)
     rays = batch.origins[first], batch.directions[first]
     options = {"device": grid.device, "accuracy": grid.accuracy}
-    truth = brute_force(grid.mesh, *rays, fields=_FIELDS, **options)  # type: ignore[arg-type]
+    truth = brute_force(grid.mesh, *rays, fields=_fields(grid), **options)  # type: ignore[arg-type]
     number = brute_force_count(grid.mesh, *rays, **options)  # type: ignore[arg-type]
     wrong = (bit_rows(hits, first) != bit_rows(truth)).any(axis=-1)
-    wrong |= hits.t_err[first].view(np.uint64) != truth.t_err.view(np.uint64)
+    if grid.rung.lossless:
+        wrong |= hits.t_err[first].view(np.uint64) != truth.t_err.view(np.uint64)
     tally.note("bits", wrong, batch, _in_words(hits), _in_words(truth))
     tally.note("counts", counts[first] != number, batch, counts.item, number.item)
 
@@ -319,8 +324,9 @@ def _compare_with_brute_force(
 def _in_words(hits: Hits) -> InWords:
     def words(row: int) -> str:
         u, v = hits.primitive_uvs[row].tolist()
-        t, off = hits.t_hit.item(row), hits.t_err.item(row)
-        return f"t {t!r} +- {off!r}, triangle {hits.primitive_ids[row]}, u {u!r}, v {v!r}"
+        t = hits.t_hit.item(row)
+        off = f" +- {hits.t_err.item(row)!r}" if "t_err" in hits.computed else ""
+        return f"t {t!r}{off}, triangle {hits.primitive_ids[row]}, u {u!r}, v {v!r}"
 
     return words
 
@@ -347,9 +353,11 @@ def _compare_with_exact(
         at = next((crossing.t for crossing in line if crossing.id == ids[i]), None)
         if ids[i] < 0 or at is None:
             continue
-        bound = hits.t_err.item(i)
         error, exact[i] = abs(Fraction(hits.t_hit.item(i)) - at), at
         tally.ulps.append(float(error / Fraction(last_place.item(i))))
+        if not tally.grid.rung.lossless:
+            continue
+        bound = hits.t_err.item(i)
         late[i] = not math.isfinite(bound) or error > Fraction(bound)
         tally.shares.append(_share(error, bound))
     tally.note("late", late, batch, _in_words(hits), lambda row: f"t {float(exact[row])!r} = {exact[row]}")

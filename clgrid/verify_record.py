@@ -51,7 +51,7 @@ class VerifyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         ``exact_checked`` rays.
     late : int
         Hits whose t is farther from the exact one than t_err, or whose t_err is infinite; of ``exact_hits``,
-        those whose triangle the ray exactly crosses.
+        those whose triangle the ray exactly crosses. None on ``fast``, which knows no t_err.
     worst_ulps : float or None
         Largest error of t, in units in the last place, of float32 on the rung robust and else of float64; of
         the way through the mesh, if that is longer than t.
@@ -81,7 +81,7 @@ class VerifyRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     wrong_ids: int
     wrong_counts: int
     exact_hits: int
-    late: int
+    late: int | None
     worst_ulps: float | None
     worst_share: float | None
     median_share: float | None

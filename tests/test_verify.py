@@ -334,3 +334,12 @@ def test_mistakes_are_one_line(
     code, out, err = command(capsys, "verify", "cube", *words, "--device", device.label)
     assert (code, out) == (1, "")
     assert len(err.splitlines()) == 1
+
+
+def test_fast_is_reported_and_promises_nothing(device: Device) -> None:
+    (row,) = run(procedural.icosphere(2), device, plan("fast")).rows
+    assert row.broken == ()
+    assert row.late is None
+    assert row.worst_share is None
+    assert row.exact_hits > 0
+    assert row.worst_ulps is not None
