@@ -14,4 +14,15 @@ void camera_direction(__constant const CameraParams *camera, uint x, uint y, dou
     }
 }
 
+// The same through pixels x .. x + 3 of row y.
+void camera_directions(__constant const CameraParams *camera, uint x, uint y, double directions[3][4])
+{
+    const double4 right = (convert_double4((uint4)(x, x + 1, x + 2, x + 3)) + 0.5) - 0.5 * (double)camera->width;
+    const double down = ((double)y + 0.5) - 0.5 * (double)camera->height;
+    for (int a = 0; a < 3; ++a) {
+        const double4 across = camera->forward[a] + right * camera->step_x[a];
+        vstore4(across + down * camera->step_y[a], 0, directions[a]);
+    }
+}
+
 #endif

@@ -7,8 +7,8 @@
 //   t_errs   WITH_T_ERR: bound on the error of t, in lengths of the ray, 0 on a miss
 //   nearest  PARTS: the nearest hit in the parts before (parts.h); they left their pixels
 #include "camera.h"
-#include "grid.h"
 #include "shade.h"
+#include "tile.h"
 #ifdef PARTS
 #include "parts.h"
 #endif
@@ -48,17 +48,44 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     double eye[3];
     for (int a = 0; a < 3; ++a)
         eye[a] = camera->eye[a];
+    Tile tile;
+    start_tile(&tile);
+    ulong shown = 0;
+    const double zeros[4] = {0.0, 0.0, 0.0, 0.0}, infinities[4] = {INFINITY, INFINITY, INFINITY, INFINITY};
+    const double eyes[3][4] = {{eye[0], eye[0], eye[0], eye[0]}, {eye[1], eye[1], eye[1], eye[1]}, {eye[2], eye[2], eye[2], eye[2]}};
+    for (uint k = 0; k < TILE_RAYS; k += 4) {
+        // Groups are 4 x 2 pixels.
+        const uint g = k / LANES, lane = k % LANES;
+        const uint x = left + g % 2 * 4, y = top + g / 2 * 2 + lane / 4;
+        double views[3][4];
+        camera_directions(camera, x, first_row + y, views);
+        set_lanes(&tile, k, eyes, views, zeros, infinities, frame);
+        for (uint i = 0; i < 4; ++i) {
+            set_hit(&tile, k + i, no_hit());
+            if (x + i < right && y < bottom) {
+                shown |= 1ul << (k + i);
+#ifdef PARTS
+                set_hit(&tile, k + i, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x + i)));
+#endif
+            }
+        }
+    }
+    tile.reach &= shown;
+    cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint y = top; y < bottom; ++y) {
         for (uint x = left; x < right; ++x) {
             double view[3];
             camera_direction(camera, x, first_row + y, view);
-            const Ray ray = prepare_ray(eye, view, 0.0, INFINITY, frame);
             const size_t pixel = (size_t)y * camera->width + x;
+            const uint k = ((y - top) / 2 * 2 + (x - left) / 4) * LANES + (y - top) % 2 * 4 + (x - left) % 4;
+            const Ray ray = ray_of(&tile, k);
+            Hit hit = hit_of(&tile, k);
+#if defined(WITH_UVS) || defined(WITH_T_ERR)
+            const Projection projection = projection_of(&ray);
+            describe_hit(&ray, &projection, MESH_ARGUMENTS, &hit);
+#endif
 #ifdef PARTS
             __global real *bound = nearest + NEAREST_REALS * pixel;
-            const Hit hit = traverse(&ray, bound_of(bound), GRID_ARGUMENTS, MESH_ARGUMENTS);
-#else
-            const Hit hit = traverse(&ray, no_hit(), GRID_ARGUMENTS, MESH_ARGUMENTS);
 #endif
 #ifdef COUNT_STEPS
             steps[pixel] += hit.steps;
