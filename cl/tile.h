@@ -105,22 +105,25 @@ void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, uint open, uint id, MESH_
 }
 #else
 // Four lanes' hit with a triangle whose edge functions do not rule it out: finish_hit, within and before in step.
-int4 take_4(const Tile *tile, uint k, float4 u32, float4 v32, float4 w32, float4 az, float4 bz, float4 cz, float4 sz,
-            uint id, float4 *t)
+void take_4(Tile *tile, uint k, int4 open, float4 u32, float4 v32, float4 w32, float4 az, float4 bz, float4 cz,
+            float4 sz, uint id)
 {
     const double4 u = convert_double4(u32), v = convert_double4(v32), w = convert_double4(w32);
     const double4 det = (u + v) + w;
     const double4 at = ((u * convert_double4(az) + v * convert_double4(bz)) + w * convert_double4(cz))
                        * convert_double4(sz) / det;
-    *t = convert_float4(at);
+    const float4 t = convert_float4(at), best = vload4(0, tile->t + k);
+    const uint4 ids = vload4(0, tile->ids + k);
     const double4 entry = vload4(0, tile->t_entry + k), unit = vload4(0, tile->t_unit + k);
-    const double4 scene = (entry + convert_double4(*t)) * unit;
+    const double4 scene = (entry + convert_double4(t)) * unit;
     long4 taken = (det != 0.0) & (scene >= vload4(0, tile->t_min + k)) & (scene <= vload4(0, tile->t_max + k));
 #ifndef QUERY_ANY
-    const double4 least = (entry + convert_double4(vload4(0, tile->t + k))) * unit;
-    taken &= (scene < least) | ((scene == least) & convert_long4((uint4)(id) < vload4(0, tile->ids + k)));
+    const double4 least = (entry + convert_double4(best)) * unit;
+    taken &= (scene < least) | ((scene == least) & convert_long4((uint4)(id) < ids));
 #endif
-    return convert_int4(taken);
+    const int4 takes = open & convert_int4(taken);
+    vstore4(takes ? t : best, 0, tile->t + k);
+    vstore4(takes ? (uint4)(id) : ids, 0, tile->ids + k);
 }
 
 // Eight rays and one triangle: the same float32 operations as in the test of one.
@@ -145,15 +148,11 @@ void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Corner *p, uint id,
     const int8 hard = (fabs((u + v) + w) < 2.0f * reach * reach * reach)
                       | (min(min(fabs(u), fabs(v)), fabs(w)) < SMALLEST_EDGE);
     const uint k = g * LANES;
-    float4 t_low, t_high;
-    const int4 low = take_4(tile, k, u.lo, v.lo, w.lo, az.lo, bz.lo, cz.lo, sd.lo, id, &t_low);
-    const int4 high = take_4(tile, k + 4, u.hi, v.hi, w.hi, az.hi, bz.hi, cz.hi, sd.hi, id, &t_high);
-    const int8 taken = (int8)(low, high) & open & ~hard;
-    const float8 t = (float8)(t_low, t_high);
-    const float8 best = taken ? t : vload8(g, tile->t);
-    const uint8 ids = taken ? (uint8)(id) : vload8(g, tile->ids);
-    vstore8(best, g, tile->t);
-    vstore8(ids, g, tile->ids);
+    const int8 easy = open & ~hard;
+    if (any(easy.lo))
+        take_4(tile, k, easy.lo, u.lo, v.lo, w.lo, az.lo, bz.lo, cz.lo, sd.lo, id);
+    if (any(easy.hi))
+        take_4(tile, k + 4, easy.hi, u.hi, v.hi, w.hi, az.hi, bz.hi, cz.hi, sd.hi, id);
     for (uint lanes = bits_of(open & hard); lanes != 0; lanes &= lanes - 1) {
         const uint lane = k + lowest_bit(lanes);
         const Ray ray = ray_of(tile, lane);
@@ -256,6 +255,27 @@ float cell_of(__constant const GridParams *grid, int axis, float x)
     return (x - grid->lower_f[axis]) * grid->cells_per_unit[axis];
 }
 
+// Narrows the depths to where the bundle's bounds overlap the grid. False: nowhere.
+bool clip_depths(Bundle *bundle, __constant const GridParams *grid)
+{
+    for (int i = 0; i < 4; ++i) {
+        const int axis = i < 2 ? bundle->ku : bundle->kv;
+        // A least coordinate is to be below the upper side, a greatest one above the lower.
+        const float sign = i & 1 ? -1.0f : 1.0f;
+        const float side = (float)(i & 1 ? grid->lower[axis] : grid->upper[axis]) + sign * BEAM_PAD;
+        const float slope = sign * bundle->beam.slope[i], room = sign * (side - bundle->beam.at[i]);
+        // slope * depth <= room
+        const float depth = room / slope;
+        if (slope > 0x1p-20f)
+            bundle->to = min(bundle->to, depth + BEAM_PAD + fabs(depth) * 0x1p-20f);
+        else if (slope < -0x1p-20f)
+            bundle->from = max(bundle->from, depth - BEAM_PAD - fabs(depth) * 0x1p-20f);
+        else if (room < -0x1p-16f)
+            return false;
+    }
+    return bundle->from < bundle->to;
+}
+
 // Casts the rays of the bundle. False: they spread too far.
 bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
 {
@@ -264,6 +284,8 @@ bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
     const bool climbs = bundle->side > 0.0f;
     const float u_scale = grid->cells_per_unit[ku], v_scale = grid->cells_per_unit[kv];
     const Beam beam = bundle->beam;
+    if (!clip_depths(bundle, grid))
+        return true;
     for (int end = 0; end < 2; ++end) {
         const float depth = end ? bundle->to : bundle->from;
         const float us = (beam.at[1] - beam.at[0] + (beam.slope[1] - beam.slope[0]) * depth) * u_scale;
