@@ -1,70 +1,72 @@
-// Bounds of bundles of rays that share their major axis: at each depth along it, the least and the greatest
-// coordinate on the two other axes, as linear functions of the depth (after Wald et al. 2006). A convex
-// function lies below its chord, so the bounds at two depths hold between them.
+// Bounds of rays that share their major axis: at each depth along it, the least and the greatest coordinate on
+// both other axes, as linear functions of the depth (after Wald et al. 2006). The greatest of the rays'
+// coordinates is convex in the depth, so it lies below its chord: bounds at two depths hold between them.
 #ifndef CLG_BEAM_H
 #define CLG_BEAM_H
 #include "lanes.h"
 
-// How far a triangle may be from the ray that it is hit by, and all that rounds here (docs/numerics.md,
-// "Tiles").
+// How far the rays are kept from the bounds: how far a hit may be from its ray, and all that rounds here
+// (docs/numerics.md, "Tiles").
 #define BEAM_PAD 0x1p-17f
 
-// Bound i at depth D is at[i] + slope[i] * D: least u, greatest u, least v, greatest v, of eight groups of
-// rays or of one.
-typedef struct {
-    float8 at[4], slope[4];
-} Beams;
-
+// Bound i at depth D is at[i] + slope[i] * D: least u, greatest u, least v, greatest v.
 typedef struct {
     float at[4], slope[4];
 } Beam;
 
-// Which of eight triangles (their corners' coordinates) a beam may meet.
-int8 may_meet(const Beam *beam, float8 au, float8 av, float8 ad, float8 bu, float8 bv, float8 bd, float8 cu,
-              float8 cv, float8 cd)
+// Those of eight groups of rays.
+typedef struct {
+    float8 at[4], slope[4];
+} Beams;
+
+// A triangle's corners along the two other axes, and in depth.
+typedef struct {
+    float au, av, ad, bu, bv, bd, cu, cv, cd;
+} Triangle;
+
+// Those of eight triangles.
+typedef struct {
+    float8 au, av, ad, bu, bv, bd, cu, cv, cd;
+} Triangles;
+
+// Which of eight triangles have no corner within a bound, and are apart from what is.
+int8 below(float at, float slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
 {
-    int8 apart = 0;
-    {
-        const float8 a = au - beam->slope[0] * ad, b = bu - beam->slope[0] * bd, c = cu - beam->slope[0] * cd;
-        apart |= max(max(a, b), c) < beam->at[0];
-    }
-    {
-        const float8 a = au - beam->slope[1] * ad, b = bu - beam->slope[1] * bd, c = cu - beam->slope[1] * cd;
-        apart |= min(min(a, b), c) > beam->at[1];
-    }
-    {
-        const float8 a = av - beam->slope[2] * ad, b = bv - beam->slope[2] * bd, c = cv - beam->slope[2] * cd;
-        apart |= max(max(a, b), c) < beam->at[2];
-    }
-    {
-        const float8 a = av - beam->slope[3] * ad, b = bv - beam->slope[3] * bd, c = cv - beam->slope[3] * cd;
-        apart |= min(min(a, b), c) > beam->at[3];
-    }
-    return ~apart;
+    return max(max(a - slope * ad, b - slope * bd), c - slope * cd) < at;
 }
 
-// Which of eight beams may meet a triangle.
-int8 may_be_met(const Beams *beams, float au, float av, float ad, float bu, float bv, float bd, float cu, float cv,
-                float cd)
+int8 above(float at, float slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
 {
-    int8 apart = 0;
-    {
-        const float8 a = au - beams->slope[0] * ad, b = bu - beams->slope[0] * bd, c = cu - beams->slope[0] * cd;
-        apart |= max(max(a, b), c) < beams->at[0];
-    }
-    {
-        const float8 a = au - beams->slope[1] * ad, b = bu - beams->slope[1] * bd, c = cu - beams->slope[1] * cd;
-        apart |= min(min(a, b), c) > beams->at[1];
-    }
-    {
-        const float8 a = av - beams->slope[2] * ad, b = bv - beams->slope[2] * bd, c = cv - beams->slope[2] * cd;
-        apart |= max(max(a, b), c) < beams->at[2];
-    }
-    {
-        const float8 a = av - beams->slope[3] * ad, b = bv - beams->slope[3] * bd, c = cv - beams->slope[3] * cd;
-        apart |= min(min(a, b), c) > beams->at[3];
-    }
-    return ~apart;
+    return min(min(a - slope * ad, b - slope * bd), c - slope * cd) > at;
+}
+
+// Which of eight triangles may come near a ray of the beam.
+int8 may_meet(const Beam *beam, const Triangles *p)
+{
+    return ~(below(beam->at[0], beam->slope[0], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
+             | above(beam->at[1], beam->slope[1], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
+             | below(beam->at[2], beam->slope[2], p->av, p->ad, p->bv, p->bd, p->cv, p->cd)
+             | above(beam->at[3], beam->slope[3], p->av, p->ad, p->bv, p->bd, p->cv, p->cd));
+}
+
+// From which of eight beams a triangle is apart.
+int8 below_beams(float8 at, float8 slope, float a, float ad, float b, float bd, float c, float cd)
+{
+    return max(max(a - slope * ad, b - slope * bd), c - slope * cd) < at;
+}
+
+int8 above_beams(float8 at, float8 slope, float a, float ad, float b, float bd, float c, float cd)
+{
+    return min(min(a - slope * ad, b - slope * bd), c - slope * cd) > at;
+}
+
+// Which of eight beams may have a ray near the triangle.
+int8 may_be_met(const Beams *beams, const Triangle *p)
+{
+    return ~(below_beams(beams->at[0], beams->slope[0], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
+             | above_beams(beams->at[1], beams->slope[1], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
+             | below_beams(beams->at[2], beams->slope[2], p->av, p->ad, p->bv, p->bd, p->cv, p->cd)
+             | above_beams(beams->at[3], beams->slope[3], p->av, p->ad, p->bv, p->bd, p->cv, p->cd));
 }
 
 #endif

@@ -8,12 +8,12 @@
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void cast_all(__constant const FrameParams *frame, GRID_PARAMETERS, MESH_PARAMETERS, RAY_PARAMETERS,
-                       uint ray_count, uint chunk_size, __global uint *invalid, __global uint *counts,
+                       uint ray_count, __global uint *invalid, __global uint *counts,
                        __global const ulong *starts, HIT_PARAMETERS)
 {
     const uint chunk = get_global_id(0);
-    const uint begin = chunk * chunk_size;
-    const uint end = min(begin + chunk_size, ray_count);
+    const uint begin = chunk * RAYS_PER_ITEM;
+    const uint end = min(begin + RAYS_PER_ITEM, ray_count);
     uint rejected = 0;
     Hit each = no_hit();
     each.records.t = t_hit;

@@ -43,7 +43,7 @@ uint load_rays(uint i, uint end, __constant const FrameParams *frame, RAY_PARAME
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void cast_closest_fast(__constant const FrameParams *frame, GRID_PARAMETERS, MESH_PARAMETERS,
-                                RAY_PARAMETERS, uint ray_count, uint chunk_size, __global uint *invalid,
+                                RAY_PARAMETERS, uint ray_count, __global uint *invalid,
                                 HIT_PARAMETERS
 #ifdef COUNT_STEPS
                                 , __global uint *steps, __global uint *tests, __global uint *batches
@@ -54,8 +54,8 @@ __kernel void cast_closest_fast(__constant const FrameParams *frame, GRID_PARAME
                                 )
 {
     const uint chunk = get_global_id(0);
-    const uint begin = chunk * chunk_size;
-    const uint end = min(begin + chunk_size, ray_count);
+    const uint begin = chunk * RAYS_PER_ITEM;
+    const uint end = min(begin + RAYS_PER_ITEM, ray_count);
     uint rejected = 0;
     for (uint first = begin; first < end; first += LANES) {
         Packet rays;

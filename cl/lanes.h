@@ -1,4 +1,4 @@
-// Eight values side by side.
+// Rays side by side: a tile has eight groups of eight.
 #ifndef CLG_LANES_H
 #define CLG_LANES_H
 #include "config.h"
@@ -28,26 +28,32 @@ uint bits_of(int8 lanes)
     return (uint)(b.x | b.y);
 }
 
+ulong bits_of_4(long4 lanes)
+{
+    const long4 own = lanes & (long4)(1, 2, 4, 8);
+    return (ulong)(own.x | own.y | own.z | own.w);
+}
+
 // -1 in the lanes whose bit is set.
 int8 lanes_of(uint bits)
 {
     return ((int8)((int)bits) & (int8)(1, 2, 4, 8, 16, 32, 64, 128)) != 0;
 }
 
-uint lowest_bit(uint bits)
+// Of bits that are not all 0.
+uint lowest_of_32(uint bits)
 {
     return 31u - clz(bits & (0u - bits));
 }
 
-float8 narrowed(double4 lo, double4 hi)
+uint lowest_of_64(ulong bits)
 {
-    return (float8)(convert_float4(lo), convert_float4(hi));
+    return (uint)(63ul - clz(bits & (0ul - bits)));
 }
 
-// Masks of doubles as masks of floats.
-int8 narrow_lanes(long4 lo, long4 hi)
+float8 narrowed(double4 low, double4 high)
 {
-    return (int8)(convert_int4(lo), convert_int4(hi));
+    return (float8)(convert_float4(low), convert_float4(high));
 }
 
 #endif

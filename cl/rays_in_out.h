@@ -7,6 +7,9 @@
 #define CLG_RAYS_IN_OUT_H
 #include "triangle.h"
 
+// Rays that a work-item casts.
+#define RAYS_PER_ITEM 64u
+
 #define RAY_PARAMETERS \
     __global const RAY_REAL *origins, __global const RAY_REAL *directions, __global const double *t_bounds
 #define RAY_ARGUMENTS origins, directions, t_bounds
@@ -24,6 +27,34 @@ Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
     return prepare_ray(o, d, t_bounds[0], t_bounds[1], frame);
 #endif
 }
+
+#ifdef CLG_TILE_H
+// Rays begin .. end - 1, TILE_RAYS at most. Returns how many of them are none.
+uint load_tile(Tile *tile, size_t begin, size_t end, __constant const FrameParams *frame, RAY_PARAMETERS)
+{
+    for (uint k = 0; k < TILE_RAYS; k += 4) {
+        double o[3][4], d[3][4], t_min[4], t_max[4];
+        for (uint lane = 0; lane < 4; ++lane) {
+            const size_t i = min(begin + k + lane, end - 1);
+            for (int a = 0; a < 3; ++a) {
+                o[a][lane] = origins[3 * i + a];
+                d[a][lane] = directions[3 * i + a];
+            }
+#ifdef PER_RAY_T
+            t_min[lane] = t_bounds[2 * i];
+            t_max[lane] = t_bounds[2 * i + 1];
+#else
+            t_min[lane] = t_bounds[0];
+            t_max[lane] = t_bounds[1];
+#endif
+        }
+        set_rays(tile, k, o, d, t_min, t_max, frame);
+    }
+    const ulong here = end - begin < TILE_RAYS ? (1ul << (end - begin)) - 1ul : ~0ul;
+    tile->reach &= here;
+    return (uint)popcount(here & ~tile->valid);
+}
+#endif
 
 #ifdef WITH_UVS
 #define UV_PARAMETER , __global real *uvs

@@ -15,6 +15,27 @@
 
 #define TILE 8
 
+// Groups of rays that are tested together are 4 x 2 pixels.
+uint number_in_tile(uint x, uint y)
+{
+    return (y / 2 * 2 + x / 4) * LANES + y % 2 * 4 + x % 4;
+}
+
+// The rays of the pixels from (left, top) on.
+void load_camera_rays(Tile *tile, __constant const CameraParams *camera, __constant const FrameParams *frame, uint left,
+                      uint top)
+{
+    const double t_min[4] = {0.0, 0.0, 0.0, 0.0}, t_max[4] = {INFINITY, INFINITY, INFINITY, INFINITY};
+    double eyes[3][4], views[3][4];
+    for (int a = 0; a < 3; ++a)
+        vstore4((double4)(camera->eye[a]), 0, eyes[a]);
+    for (uint y = 0; y < TILE; ++y)
+        for (uint x = 0; x < TILE; x += 4) {
+            camera_directions(camera, left + x, top + y, views);
+            set_rays(tile, number_in_tile(x, y), eyes, views, t_min, t_max, frame);
+        }
+}
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void render(__constant const CameraParams *camera, __constant const FrameParams *frame,
                      GRID_PARAMETERS, MESH_PARAMETERS, uint first_row, uint row_count,
@@ -45,31 +66,18 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     const uint tiles_across = (camera->width + TILE - 1) / TILE;
     const uint left = get_global_id(0) % tiles_across * TILE, top = get_global_id(0) / tiles_across * TILE;
     const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
-    double eye[3];
-    for (int a = 0; a < 3; ++a)
-        eye[a] = camera->eye[a];
     Tile tile;
-    start_tile(&tile);
+    start_tile(&tile, grid->triangle_count);
+    load_camera_rays(&tile, camera, frame, left, first_row + top);
     ulong shown = 0;
-    const double zeros[4] = {0.0, 0.0, 0.0, 0.0}, infinities[4] = {INFINITY, INFINITY, INFINITY, INFINITY};
-    const double eyes[3][4] = {{eye[0], eye[0], eye[0], eye[0]}, {eye[1], eye[1], eye[1], eye[1]}, {eye[2], eye[2], eye[2], eye[2]}};
-    for (uint k = 0; k < TILE_RAYS; k += 4) {
-        // Groups are 4 x 2 pixels.
-        const uint g = k / LANES, lane = k % LANES;
-        const uint x = left + g % 2 * 4, y = top + g / 2 * 2 + lane / 4;
-        double views[3][4];
-        camera_directions(camera, x, first_row + y, views);
-        set_lanes(&tile, k, eyes, views, zeros, infinities, frame);
-        for (uint i = 0; i < 4; ++i) {
-            set_hit(&tile, k + i, no_hit());
-            if (x + i < right && y < bottom) {
-                shown |= 1ul << (k + i);
+    for (uint y = top; y < bottom; ++y)
+        for (uint x = left; x < right; ++x) {
+            const uint k = number_in_tile(x - left, y - top);
+            shown |= 1ul << k;
 #ifdef PARTS
-                set_hit(&tile, k + i, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x + i)));
+            set_hit(&tile, k, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
 #endif
-            }
         }
-    }
     tile.reach &= shown;
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint y = top; y < bottom; ++y) {
@@ -77,12 +85,10 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
             double view[3];
             camera_direction(camera, x, first_row + y, view);
             const size_t pixel = (size_t)y * camera->width + x;
-            const uint k = ((y - top) / 2 * 2 + (x - left) / 4) * LANES + (y - top) % 2 * 4 + (x - left) % 4;
+            const uint k = number_in_tile(x - left, y - top);
+            const Hit hit = described_hit(&tile, k, MESH_ARGUMENTS);
+#if defined(AOV_DEPTH)
             const Ray ray = ray_of(&tile, k);
-            Hit hit = hit_of(&tile, k);
-#if defined(WITH_UVS) || defined(WITH_T_ERR)
-            const Projection projection = projection_of(&ray);
-            describe_hit(&ray, &projection, MESH_ARGUMENTS, &hit);
 #endif
 #ifdef PARTS
             __global real *bound = nearest + NEAREST_REALS * pixel;

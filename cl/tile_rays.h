@@ -5,25 +5,39 @@
 #include "lanes.h"
 #include "triangle.h"
 
-#ifdef WIDE_RAYS
+#if defined(COUNT_STEPS) || defined(RUNG_FAST)
+// Each ray is cast alone: to be counted, or since the rung has packets of its own.
+#define ALONE
+#endif
+
+#if defined(WIDE_RAYS) || defined(ALONE)
 
 typedef struct {
     Ray rays[TILE_RAYS];
     Projection projections[TILE_RAYS];
     Hit hits[TILE_RAYS];
     ulong valid, reach;  // bits: rays that are rays; those that come near the mesh
+    ulong alone;         // those of them that are cast alone
+    uint triangle_count; // of the grid
 } Tile;
 
-void set_lanes(Tile *tile, uint first, const double o[3][4], const double d[3][4], const double *t_min,
-               const double *t_max, __constant const FrameParams *frame)
+// Rays first .. first + 3.
+void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4], const double *t_min,
+              const double *t_max, __constant const FrameParams *frame)
 {
     for (uint i = 0; i < 4; ++i) {
-        const double origin[3] = {o[0][i], o[1][i], o[2][i]}, direction[3] = {d[0][i], d[1][i], d[2][i]};
+        const double origin[3] = {given_o[0][i], given_o[1][i], given_o[2][i]};
+        const double direction[3] = {given_d[0][i], given_d[1][i], given_d[2][i]};
         Ray *ray = &tile->rays[first + i];
         *ray = prepare_ray(origin, direction, t_min[i], t_max[i], frame);
         tile->valid |= (ulong)ray->valid << (first + i);
         tile->reach |= (ulong)ray->reaches << (first + i);
+#ifdef RUNG_EXACT
+        tile->alone |= (ulong)ray->astray << (first + i);
+        if (ray->reaches && !ray->astray)
+#else
         if (ray->reaches)
+#endif
             tile->projections[first + i] = projection_of(ray);
     }
 }
@@ -46,22 +60,17 @@ void set_hit(Tile *tile, uint k, Hit hit)
 #else
 
 typedef struct {
-    float o[3][TILE_RAYS], d[3][TILE_RAYS];                         // local, as in Ray
+    float o[3][TILE_RAYS], d[3][TILE_RAYS];  // local, as in Ray
     double t_min[TILE_RAYS], t_max[TILE_RAYS], t_entry[TILE_RAYS], t_unit[TILE_RAYS];
-    float t[TILE_RAYS];
+    float t[TILE_RAYS];                      // of the hit
     uint ids[TILE_RAYS];
-    ulong valid, reach;
+    ulong valid, reach, alone;
+    uint triangle_count;
 } Tile;
 
-ulong bits_of_4(long4 lanes)
-{
-    const long4 own = lanes & (long4)(1, 2, 4, 8);
-    return (ulong)(own.x | own.y | own.z | own.w);
-}
-
 // prepare_ray for rays first .. first + 3.
-void set_lanes(Tile *tile, uint first, const double given_o[3][4], const double given_d[3][4], const double *t_min,
-               const double *t_max, __constant const FrameParams *frame)
+void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4], const double *t_min,
+              const double *t_max, __constant const FrameParams *frame)
 {
     double4 o[3], d[3];
     double4 longest = (double4)(0.0), farthest = (double4)(0.0);
@@ -75,7 +84,9 @@ void set_lanes(Tile *tile, uint first, const double given_o[3][4], const double 
         valid &= (fabs(o[a]) < INFINITY) & (fabs(d[a]) < INFINITY);
     }
     valid &= longest > 0.0;
-    const double4 first_factor = longest < 0x1p-600 ? (double4)(0x1p+400) : longest > 0x1p+600 ? (double4)(0x1p-400) : (double4)(1.0);
+    const double4 first_factor = longest < 0x1p-600 ? (double4)(0x1p+400)
+                                 : longest > 0x1p+600 ? (double4)(0x1p-400) : (double4)(1.0);
+    // power_of_two(-exponent_above(x)).
     const ulong4 exponent = (as_ulong4(longest * first_factor) >> 52) & 0x7FFul;
     const double4 second_factor = as_double4((2045ul - exponent) << 52);
     const double4 t_unit = frame->inverse_scale * first_factor * second_factor;
@@ -102,7 +113,8 @@ void set_lanes(Tile *tile, uint first, const double given_o[3][4], const double 
     }
     for (int a = 0; a < 3; ++a) {
         const double4 start = o[a] + t_entry * d[a];
-        const double4 inside = start < -START_LIMIT ? (double4)(-START_LIMIT) : start > START_LIMIT ? (double4)(START_LIMIT) : start;
+        const double4 inside = start < -START_LIMIT ? (double4)(-START_LIMIT)
+                               : start > START_LIMIT ? (double4)(START_LIMIT) : start;
         vstore4(convert_float4(inside), 0, tile->o[a] + first);
         vstore4(convert_float4(d[a]), 0, tile->d[a] + first);
     }
@@ -146,9 +158,13 @@ void set_hit(Tile *tile, uint k, Hit hit)
 
 #endif
 
-void start_tile(Tile *tile)
+// A tile of no rays yet; every ray starts with a miss.
+void start_tile(Tile *tile, uint triangle_count)
 {
-    tile->valid = tile->reach = 0;
+    tile->triangle_count = triangle_count;
+    tile->valid = tile->reach = tile->alone = 0;
+    for (uint k = 0; k < TILE_RAYS; ++k)
+        set_hit(tile, k, no_hit());
 }
 
 #endif

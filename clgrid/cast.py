@@ -21,7 +21,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 Defines = dict[str, int | str]
 
 NO_HIT = 0xFFFFFFFF
-RAYS_PER_ITEM = 64
+RAYS_PER_ITEM = 64  # as in cl/rays_in_out.h
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
@@ -105,14 +105,14 @@ def launch_on_host(
 
 
 def grid_launch(name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Launch:
-    """Casts through the grids of all parts with a kernel that takes chunks of RAYS_PER_ITEM rays."""
+    """Casts through the grids of all parts with a kernel of which each work-item takes RAYS_PER_ITEM rays."""
 
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: Defines) -> None:
         for part in parts:
             every = {**defines, **options, **part.defines, **target.rung.defines}
             kernel(target.device, f"{name}.cl", name, **every)(
                 target.device.queue, (-(-count // RAYS_PER_ITEM),), (1,), target.frame_params,
-                *part.arguments, *inputs, np.uint32(count), np.uint32(RAYS_PER_ITEM), *outputs,
+                *part.arguments, *inputs, np.uint32(count), *outputs,
             )  # fmt: skip
 
     return launch

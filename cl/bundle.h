@@ -1,0 +1,227 @@
+// Rays of a tile that share their major axis and the way that they go along it.
+#ifndef CLG_BUNDLE_H
+#define CLG_BUNDLE_H
+#include "beam.h"
+#include "tile_rays.h"
+
+// What rounding in float32 adds to a t that something is compared with.
+#define T_PAD 0x1p-16f
+// Local t beyond which a ray is out of the grid, wherever it starts.
+#define FARTHEST_T 16.0
+#define SHORTEST_SPAN 0x1p-12f
+
+typedef struct {
+    int ku, kv, kd;               // axes; kd is the major one
+    float side;                   // 1 if the rays climb it, or -1
+    ulong members;                // bits, by number in the tile
+    float8 ou[GROUPS], ov[GROUPS], od[GROUPS], dd[GROUPS];  // origins; the directions' largest component
+    float8 su[GROUPS], sv[GROUPS], sd[GROUPS];              // the shear (shear.h)
+    float8 slack[GROUPS];         // how far behind a hit no other can win
+    float8 last[GROUPS];          // t beyond which no hit matters; -inf in the lanes of other rays
+    float8 deepest;               // of each group: depth, times `side`, beyond which no hit matters
+    Beams beams;                  // of the groups
+    Beam beam;                    // of all
+    float from, to;               // depths between which they hold, and all hits lie
+} Bundle;
+
+int8 members_of(const Bundle *bundle, uint g)
+{
+    return lanes_of((uint)(bundle->members >> (LANES * g)) & 0xFFu);
+}
+
+void set_deepest(Bundle *bundle, uint g)
+{
+    const float8 depth = (bundle->od[g] + bundle->last[g] * bundle->dd[g]) * bundle->side;
+    float deepest[GROUPS];
+    vstore8(bundle->deepest, 0, deepest);
+    deepest[g] = greatest_of(bundle->last[g] == -INFINITY ? (float8)(-INFINITY) : depth) + BEAM_PAD;
+    bundle->deepest = vload8(0, deepest);
+}
+
+// Groups that a hit at this depth, or deeper, may matter to.
+uint groups_alive(const Bundle *bundle, float depth)
+{
+    return bits_of(depth * bundle->side - BEAM_PAD <= bundle->deepest);
+}
+
+// Least and greatest of the lanes of `own`.
+float2 range_of(float8 v, int8 own)
+{
+    const float8 none = (float8)(8.0f);
+    return (float2)(least_of(own ? v : none) - BEAM_PAD, greatest_of(own ? v : -none) + BEAM_PAD);
+}
+
+void set_beams(Bundle *bundle)
+{
+    float at[4][GROUPS], slope[4][GROUPS];
+    // Slopes between depths that nearly coincide would be made of rounding.
+    const float start = bundle->from, end = max(bundle->to, start + SHORTEST_SPAN);
+    const float span = end - start;
+    for (uint g = 0; g < GROUPS; ++g) {
+        const int8 own = members_of(bundle, g);
+        const float8 near = start - bundle->od[g], far = end - bundle->od[g];
+        const float2 u0 = range_of(bundle->ou[g] + near * bundle->su[g], own);
+        const float2 u1 = range_of(bundle->ou[g] + far * bundle->su[g], own);
+        const float2 v0 = range_of(bundle->ov[g] + near * bundle->sv[g], own);
+        const float2 v1 = range_of(bundle->ov[g] + far * bundle->sv[g], own);
+        const float first[4] = {u0.x, u0.y, v0.x, v0.y}, second[4] = {u1.x, u1.y, v1.x, v1.y};
+        for (int i = 0; i < 4; ++i) {
+            slope[i][g] = (second[i] - first[i]) / span;
+            at[i][g] = first[i] - slope[i][g] * start;
+        }
+    }
+    for (int i = 0; i < 4; ++i) {
+        const float8 bound = vload8(0, at[i]), tilt = vload8(0, slope[i]);
+        const float8 near = bound + tilt * start, far = bound + tilt * end;
+        const float first = i & 1 ? greatest_of(near) + BEAM_PAD : least_of(near) - BEAM_PAD;
+        const float second = i & 1 ? greatest_of(far) + BEAM_PAD : least_of(far) - BEAM_PAD;
+        bundle->beams.at[i] = bound;
+        bundle->beams.slope[i] = tilt;
+        bundle->beam.slope[i] = (second - first) / span;
+        bundle->beam.at[i] = first - bundle->beam.slope[i] * start;
+    }
+}
+
+// Sets a group's rays; gives t where they start, and where they end if there is no hit.
+#ifdef WIDE_RAYS
+void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
+{
+    float lanes[8][LANES];
+    for (uint lane = 0; lane < LANES; ++lane) {
+        const uint k = g * LANES + lane;
+        const bool own = bundle->members >> k & 1ul;
+        const uint from = own ? k : lowest_of_64(bundle->members);
+        const Ray *ray = &tile->rays[from];
+        const Shear *s = &tile->projections[from].narrow;
+        lanes[0][lane] = (float)ray->origin[bundle->ku];
+        lanes[1][lane] = (float)ray->origin[bundle->kv];
+        lanes[2][lane] = (float)ray->origin[bundle->kd];
+        lanes[3][lane] = (float)ray->direction[bundle->kd];
+        lanes[4][lane] = s->kx == bundle->ku ? s->sx : s->sy;
+        lanes[5][lane] = s->kx == bundle->ku ? s->sy : s->sx;
+        lanes[6][lane] = s->sz;
+        lanes[7][lane] = (float)(T_SLACK + 0x1p-51 * fabs(ray->t_entry)) + T_PAD;
+        first[lane] = first_t(ray);
+        last[lane] = fmin(last_t(ray), (double)tile->hits[from].meeting.t);
+    }
+    bundle->ou[g] = vload8(0, lanes[0]);
+    bundle->ov[g] = vload8(0, lanes[1]);
+    bundle->od[g] = vload8(0, lanes[2]);
+    bundle->dd[g] = vload8(0, lanes[3]);
+    bundle->su[g] = vload8(0, lanes[4]);
+    bundle->sv[g] = vload8(0, lanes[5]);
+    bundle->sd[g] = vload8(0, lanes[6]);
+    bundle->slack[g] = vload8(0, lanes[7]);
+}
+#else
+// first_t and last_t of four.
+double4 first_of_4(const Tile *tile, uint k)
+{
+    const double4 entry = vload4(0, tile->t_entry + k);
+    return vload4(0, tile->t_min + k) / vload4(0, tile->t_unit + k) - entry - (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
+}
+
+double4 last_of_4(const Tile *tile, uint k)
+{
+    const double4 entry = vload4(0, tile->t_entry + k);
+    const double4 last = vload4(0, tile->t_max + k) / vload4(0, tile->t_unit + k) - entry
+                         + (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
+    return min(last, convert_double4(vload4(0, tile->t + k)));
+}
+
+void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
+{
+    const uint k = g * LANES;
+    const float8 du = vload8(g, tile->d[bundle->ku]), dv = vload8(g, tile->d[bundle->kv]);
+    const float8 dd = vload8(g, tile->d[bundle->kd]);
+    const double4 low = convert_double4(dd.lo), high = convert_double4(dd.hi);
+    bundle->ou[g] = vload8(g, tile->o[bundle->ku]);
+    bundle->ov[g] = vload8(g, tile->o[bundle->kv]);
+    bundle->od[g] = vload8(g, tile->o[bundle->kd]);
+    bundle->dd[g] = dd;
+    // Through float64, as shear_of.
+    bundle->su[g] = narrowed(convert_double4(du.lo) / low, convert_double4(du.hi) / high);
+    bundle->sv[g] = narrowed(convert_double4(dv.lo) / low, convert_double4(dv.hi) / high);
+    bundle->sd[g] = narrowed(1.0 / low, 1.0 / high);
+    const double4 entry_low = vload4(0, tile->t_entry + k), entry_high = vload4(1, tile->t_entry + k);
+    bundle->slack[g] = narrowed(T_SLACK + 0x1p-51 * fabs(entry_low), T_SLACK + 0x1p-51 * fabs(entry_high)) + T_PAD;
+    vstore4(first_of_4(tile, k), 0, first);
+    vstore4(first_of_4(tile, k + 4), 1, first);
+    vstore4(last_of_4(tile, k), 0, last);
+    vstore4(last_of_4(tile, k + 4), 1, last);
+}
+#endif
+
+float8 within_reach(const double *t)
+{
+    const double4 low = clamp(vload4(0, t), -FARTHEST_T, FARTHEST_T);
+    return narrowed(low, clamp(vload4(1, t), -FARTHEST_T, FARTHEST_T));
+}
+
+// Sets up the bundle of the rays `members`, which share `class`. False: none of them is in the grid's depths.
+bool set_bundle(const Tile *tile, ulong members, uint class, __constant const GridParams *grid, Bundle *bundle)
+{
+    bundle->members = members;
+    bundle->kd = (int)(class >> 1);
+    bundle->ku = bundle->kd == 2 ? 0 : bundle->kd + 1;
+    bundle->kv = bundle->ku == 2 ? 0 : bundle->ku + 1;
+    bundle->side = class & 1 ? -1.0f : 1.0f;
+    float8 least = (float8)(INFINITY), greatest = (float8)(-INFINITY);
+    for (uint g = 0; g < GROUPS; ++g) {
+        double first[LANES], last[LANES];
+        load_group(tile, bundle, g, first, last);
+        const int8 own = members_of(bundle, g);
+        bundle->last[g] = own ? within_reach(last) + bundle->slack[g] : (float8)(-INFINITY);
+        const float8 near = bundle->od[g] + within_reach(first) * bundle->dd[g];
+        const float8 far = bundle->od[g] + bundle->last[g] * bundle->dd[g];
+        least = min(least, own ? min(near, far) : (float8)(INFINITY));
+        greatest = max(greatest, own ? max(near, far) : (float8)(-INFINITY));
+    }
+    const float lower = (float)grid->lower[bundle->kd], upper = (float)grid->upper[bundle->kd];
+    bundle->from = max(least_of(least) - T_PAD, lower - BEAM_PAD);
+    bundle->to = min(greatest_of(greatest) + T_PAD, upper + BEAM_PAD);
+    if (!(bundle->from < bundle->to))
+        return false;
+    for (uint g = 0; g < GROUPS; ++g)
+        set_deepest(bundle, g);
+    set_beams(bundle);
+    return true;
+}
+
+// Of the rays `pending`, those of the first one's class: its major axis, twice, plus one if it descends it.
+#ifdef WIDE_RAYS
+ulong take_class(const Tile *tile, ulong pending, uint *class)
+{
+    ulong members = 0;
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        if (!(pending >> k & 1ul))
+            continue;
+        const Shear *s = &tile->projections[k].narrow;
+        const uint own = 2 * (uint)s->kz + (s->sz < 0.0f ? 1 : 0);
+        *class = members == 0 ? own : *class;
+        members |= own == *class ? 1ul << k : 0ul;
+    }
+    return members;
+}
+#else
+ulong take_class(const Tile *tile, ulong pending, uint *class)
+{
+    uint classes[TILE_RAYS];
+    for (uint g = 0; g < GROUPS; ++g) {
+        const float8 x = vload8(g, tile->d[0]), y = vload8(g, tile->d[1]), z = vload8(g, tile->d[2]);
+        // As shear_of chooses.
+        const int8 over_y = fabs(x) >= fabs(y), over_z = fabs(x) >= fabs(z);
+        const int8 is_x = over_y & over_z, is_y = ~over_y & (fabs(y) >= fabs(z));
+        const float8 major = is_x ? x : is_y ? y : z;
+        const int8 axis = is_x ? (int8)(0) : is_y ? (int8)(2) : (int8)(4);
+        vstore8(as_uint8(axis + (major < 0.0f ? (int8)(1) : (int8)(0))), g, classes);
+    }
+    *class = classes[lowest_of_64(pending)];
+    ulong members = 0;
+    for (uint g = 0; g < GROUPS; ++g)
+        members |= (ulong)bits_of(vload8(g, classes) == *class) << (LANES * g);
+    return members & pending;
+}
+#endif
+
+#endif

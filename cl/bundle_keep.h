@@ -1,0 +1,171 @@
+// What the rays of a bundle keep of a triangle: candidates by the shear of shear.h, eight rays at a time, then
+// the rung's own test (triangle.h), or, for `robust`, the same operations four rays at a time.
+#ifndef CLG_BUNDLE_KEEP_H
+#define CLG_BUNDLE_KEEP_H
+#include "bundle.h"
+
+// A triangle as eight rays see it (shear.h), and its edge functions.
+typedef struct {
+    float8 ax, ay, az, bx, by, bz, cx, cy, cz;
+    float8 u, v, w;
+} Seen;
+
+// The same float32 operations as in the test of one ray and one triangle.
+Seen see(const Bundle *bundle, uint g, const Triangle *p)
+{
+    const float8 ou = bundle->ou[g], ov = bundle->ov[g], od = bundle->od[g];
+    const float8 su = bundle->su[g], sv = bundle->sv[g];
+    Seen s;
+    s.az = p->ad - od;
+    s.bz = p->bd - od;
+    s.cz = p->cd - od;
+    s.ax = (p->au - ou) - su * s.az;
+    s.ay = (p->av - ov) - sv * s.az;
+    s.bx = (p->bu - ou) - su * s.bz;
+    s.by = (p->bv - ov) - sv * s.bz;
+    s.cx = (p->cu - ou) - su * s.cz;
+    s.cy = (p->cv - ov) - sv * s.cz;
+    s.u = s.cx * s.by - s.cy * s.bx;
+    s.v = s.ax * s.cy - s.ay * s.cx;
+    s.w = s.bx * s.ay - s.by * s.ax;
+    return s;
+}
+
+float8 reach_of_lanes(const Seen *s)
+{
+    return max(max(max(fabs(s->ax), fabs(s->ay)), max(fabs(s->bx), fabs(s->by))), max(fabs(s->cx), fabs(s->cy)));
+}
+
+// The lanes that the edge functions do not rule out, nor that the triangle lies behind all that matters.
+int8 open_lanes(const Bundle *bundle, uint g, const Seen *s)
+{
+#ifdef WIDE_RAYS
+    const float8 doubt = DOUBT_OF_FILTER(reach_of_lanes(s));
+#else
+    const float doubt = 0.0f;
+#endif
+    const int8 negative = (s->u < -doubt) | (s->v < -doubt) | (s->w < -doubt);
+    const int8 positive = (s->u > doubt) | (s->v > doubt) | (s->w > doubt);
+    const float8 sd = bundle->sd[g], last = bundle->last[g];
+    const float8 nearest = min(min(s->az * sd, s->bz * sd), s->cz * sd);
+    return ~(negative & positive) & (nearest <= last) & (last > -INFINITY);
+}
+
+#if defined(WIDE_RAYS) || defined(ALONE)
+void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *seen, int8 open, uint id, MESH_PARAMETERS)
+{
+    float last[LANES], slack[LANES];
+    vstore8(bundle->last[g], 0, last);
+    vstore8(bundle->slack[g], 0, slack);
+    for (uint lanes = bits_of(open); lanes != 0; lanes &= lanes - 1) {
+        const uint lane = lowest_of_32(lanes), k = g * LANES + lane;
+        Hit *hit = &tile->hits[k];
+        keep(&tile->rays[k], &tile->projections[k], MESH_ARGUMENTS, id, hit);
+        last[lane] = settled(hit) ? -INFINITY : min(last[lane], (float)hit->meeting.t + slack[lane]);
+#ifdef RUNG_EXACT
+        if (hit->decisions > MOST_DECISIONS(tile->triangle_count)) {
+            tile->alone |= 1ul << k;
+            last[lane] = -INFINITY;
+        }
+#endif
+    }
+    bundle->last[g] = vload8(0, last);
+}
+#else
+// Four rays and a triangle whose edge functions do not rule it out: finish_hit, within and before in step.
+void keep_of_4(Tile *tile, uint k, int4 open, float4 u32, float4 v32, float4 w32, float4 az, float4 bz, float4 cz,
+               float4 sd, uint id)
+{
+    const double4 u = convert_double4(u32), v = convert_double4(v32), w = convert_double4(w32);
+    const double4 det = (u + v) + w;
+    const double4 at = ((u * convert_double4(az) + v * convert_double4(bz)) + w * convert_double4(cz))
+                       * convert_double4(sd) / det;
+    const float4 t = convert_float4(at), best = vload4(0, tile->t + k);
+    const uint4 ids = vload4(0, tile->ids + k);
+    const double4 entry = vload4(0, tile->t_entry + k), unit = vload4(0, tile->t_unit + k);
+    const double4 scene = (entry + convert_double4(t)) * unit;
+    long4 taken = (det != 0.0) & (scene >= vload4(0, tile->t_min + k)) & (scene <= vload4(0, tile->t_max + k));
+#ifndef QUERY_ANY
+    const double4 least = (entry + convert_double4(best)) * unit;
+    taken &= (scene < least) | ((scene == least) & convert_long4((uint4)(id) < ids));
+#endif
+    const int4 takes = open & convert_int4(taken);
+    vstore4(takes ? t : best, 0, tile->t + k);
+    vstore4(takes ? (uint4)(id) : ids, 0, tile->ids + k);
+}
+
+void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *s, int8 open, uint id, MESH_PARAMETERS)
+{
+    // As finish_hit: these need float64 weights, and are few.
+    const float8 reach = reach_of_lanes(s);
+    const int8 hard = (fabs((s->u + s->v) + s->w) < 2.0f * reach * reach * reach)
+                      | (min(min(fabs(s->u), fabs(s->v)), fabs(s->w)) < SMALLEST_EDGE);
+    const int8 easy = open & ~hard;
+    const float8 sd = bundle->sd[g];
+    const uint first = g * LANES;
+    if (any(easy.lo))
+        keep_of_4(tile, first, easy.lo, s->u.lo, s->v.lo, s->w.lo, s->az.lo, s->bz.lo, s->cz.lo, sd.lo, id);
+    if (any(easy.hi))
+        keep_of_4(tile, first + 4, easy.hi, s->u.hi, s->v.hi, s->w.hi, s->az.hi, s->bz.hi, s->cz.hi, sd.hi, id);
+    for (uint lanes = bits_of(open & hard); lanes != 0; lanes &= lanes - 1) {
+        const uint k = first + lowest_of_32(lanes);
+        const Ray ray = ray_of(tile, k);
+        const Projection projection = projection_of(&ray);
+        Hit hit = hit_of(tile, k);
+        keep(&ray, &projection, MESH_ARGUMENTS, id, &hit);
+        set_hit(tile, k, hit);
+    }
+#ifdef QUERY_ANY
+    bundle->last[g] = vload8(g, tile->ids) == NO_HIT ? bundle->last[g] : (float8)(-INFINITY);
+#else
+    bundle->last[g] = min(bundle->last[g], vload8(g, tile->t) + bundle->slack[g]);
+#endif
+}
+#endif
+
+void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Triangle *p, uint id, MESH_PARAMETERS)
+{
+    const Seen seen = see(bundle, g, p);
+    const int8 open = open_lanes(bundle, g, &seen);
+    if (!any(open))
+        return;
+    keep_of_lanes(tile, bundle, g, &seen, open, id, MESH_ARGUMENTS);
+    set_deepest(bundle, g);
+}
+
+Triangles along_axes(const Corners8 *p, int kd)
+{
+    const Triangles x = {p->a.y, p->a.z, p->a.x, p->b.y, p->b.z, p->b.x, p->c.y, p->c.z, p->c.x};
+    const Triangles y = {p->a.z, p->a.x, p->a.y, p->b.z, p->b.x, p->b.y, p->c.z, p->c.x, p->c.y};
+    const Triangles z = {p->a.x, p->a.y, p->a.z, p->b.x, p->b.y, p->b.z, p->c.x, p->c.y, p->c.z};
+    return kd == 0 ? x : kd == 1 ? y : z;
+}
+
+// 1 to 8 triangles, for the groups whose bits are set in `alive`.
+__attribute__((noinline))
+void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
+{
+    const Corners8 corners = gather_corners(vertices, faces, ids, count);
+    const Triangles p = along_axes(&corners, bundle->kd);
+    uint near = bits_of(may_meet(&bundle->beam, &p)) & ((1u << count) - 1u);
+    if (near == 0)
+        return;
+    float of[9][LANES];
+    vstore8(p.au, 0, of[0]);
+    vstore8(p.av, 0, of[1]);
+    vstore8(p.ad, 0, of[2]);
+    vstore8(p.bu, 0, of[3]);
+    vstore8(p.bv, 0, of[4]);
+    vstore8(p.bd, 0, of[5]);
+    vstore8(p.cu, 0, of[6]);
+    vstore8(p.cv, 0, of[7]);
+    vstore8(p.cd, 0, of[8]);
+    for (; near != 0; near &= near - 1) {
+        const uint i = lowest_of_32(near);
+        const Triangle one = {of[0][i], of[1][i], of[2][i], of[3][i], of[4][i], of[5][i], of[6][i], of[7][i], of[8][i]};
+        for (uint groups = alive & bits_of(may_be_met(&bundle->beams, &one)); groups != 0; groups &= groups - 1)
+            keep_of_group(tile, bundle, lowest_of_32(groups), &one, ids[i], MESH_ARGUMENTS);
+    }
+}
+
+#endif

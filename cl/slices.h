@@ -1,0 +1,177 @@
+// The way of a bundle through the grid, slice by slice: a slice is a layer of cells across the major axis, and
+// of it the cells that the bundle's bounds overlap (after Wald et al. 2006).
+#ifndef CLG_SLICES_H
+#define CLG_SLICES_H
+#include "bundle_keep.h"
+#include "lists.h"
+
+// Cells of a slice that a bundle may spread over; its rays go one by one if there are more.
+#ifndef WIDEST_SLICE
+#define WIDEST_SLICE 128.0f
+#endif
+// Triangles that are remembered so as not to be tested again, by the last digits of their ids.
+#ifndef REMEMBERED
+#define REMEMBERED 128u
+#endif
+#define MOST_WAITING 64u
+
+// Triangles that wait to be tested.
+typedef struct {
+    uint ids[MOST_WAITING];
+    uint seen[REMEMBERED];
+} Waiting;
+
+void fetch(__global const uint *at)
+{
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+    __builtin_prefetch((const void *)(size_t)at, 0, 3);
+#endif
+#endif
+}
+
+void keep_waiting(Tile *tile, Bundle *bundle, uint alive, const Waiting *waiting, uint count, MESH_PARAMETERS)
+{
+    for (uint i = 0; i < count; i += LANES)
+        keep_of_bundle(tile, bundle, alive, waiting->ids + i, min(count - i, (uint)LANES), MESH_ARGUMENTS);
+}
+
+// Takes up the triangles of the cells first .. last of a row that were not seen lately; tests them when they are
+// many. Gives how many wait.
+uint take_run(Tile *tile, Bundle *bundle, uint alive, Waiting *waiting, uint count, uint first, uint last,
+              GRID_PARAMETERS, MESH_PARAMETERS)
+{
+#if defined(LAYOUT_HASHED) || defined(LAYOUT_LINKED_LIST) || defined(LAYOUT_DYNAMIC_ARRAY)
+    for (uint cell = first; cell <= last; ++cell) {
+        const List list = find_list(cell, grid, LIST_ARGUMENTS);
+#else
+    {
+        // The lists of consecutive cells follow each other.
+        const List list = {cells[first], (uint)(cells[last + 1] - cells[first])};
+#endif
+#ifdef LAYOUT_LINKED_LIST
+        for (ref_index node = list.begin; node != NO_REFERENCE; node = next[node]) {
+            const uint id = triangles[node];
+#else
+#ifdef LAYOUT_DYNAMIC_ARRAY
+        __global const uint *entries = pool + list.begin;
+#else
+        __global const uint *entries = references + list.begin;
+#endif
+        for (uint i = 0; i < list.count; ++i) {
+            const uint id = entries[i];
+#endif
+            const uint at = id % REMEMBERED;
+            fetch(faces + 3 * (size_t)id);
+            waiting->ids[count] = id;
+            count += waiting->seen[at] != id ? 1 : 0;
+            waiting->seen[at] = id;
+            if (count == MOST_WAITING) {
+                keep_waiting(tile, bundle, alive, waiting, count, MESH_ARGUMENTS);
+                count = 0;
+            }
+        }
+    }
+    return count;
+}
+
+// Narrows the depths to those where the bounds overlap the grid. False: there are none.
+bool clip_depths(Bundle *bundle, __constant const GridParams *grid)
+{
+    for (int i = 0; i < 4; ++i) {
+        const int axis = i < 2 ? bundle->ku : bundle->kv;
+        // A least coordinate is to be below the upper side, a greatest above the lower: slope * depth <= room.
+        const float sign = i & 1 ? -1.0f : 1.0f;
+        const float side = (float)(i & 1 ? grid->lower[axis] : grid->upper[axis]) + sign * BEAM_PAD;
+        const float slope = sign * bundle->beam.slope[i], room = sign * (side - bundle->beam.at[i]);
+        const float depth = room / slope;
+        if (slope > 0x1p-20f)
+            bundle->to = min(bundle->to, depth + BEAM_PAD);
+        else if (slope < -0x1p-20f)
+            bundle->from = max(bundle->from, depth - BEAM_PAD);
+        else if (room < -0x1p-16f)
+            return false;
+    }
+    return bundle->from < bundle->to;
+}
+
+// Number of the cell along an axis that holds x; x may be outside.
+float cell_at(__constant const GridParams *grid, int axis, float x)
+{
+    return (x - grid->lower_f[axis]) * grid->cells_per_unit[axis];
+}
+
+// Whether the bundle overlaps few enough cells of a slice for its rays to gain by company.
+bool keeps_together(const Bundle *bundle, __constant const GridParams *grid)
+{
+    const Beam *b = &bundle->beam;
+    for (int end = 0; end < 2; ++end) {
+        const float depth = end ? bundle->to : bundle->from;
+        const float u = b->at[1] - b->at[0] + (b->slope[1] - b->slope[0]) * depth;
+        const float v = b->at[3] - b->at[2] + (b->slope[3] - b->slope[2]) * depth;
+        if ((u * grid->cells_per_unit[bundle->ku] + 1.0f) * (v * grid->cells_per_unit[bundle->kv] + 1.0f) > WIDEST_SLICE)
+            return false;
+    }
+    return true;
+}
+
+// Number of the slice at a depth, moved out of doubt by `pad` cells.
+int slice_at(__constant const GridParams *grid, int axis, float depth, float pad)
+{
+    return clamp((int)(cell_at(grid, axis, depth) + pad), 0, (int)grid->resolution[axis] - 1);
+}
+
+// Casts the rays of the bundle. False: they go one by one.
+bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    const int ku = bundle->ku, kv = bundle->kv, kd = bundle->kd;
+    if (!clip_depths(bundle, grid))
+        return true;
+    if (!keeps_together(bundle, grid))
+        return false;
+    const int mu = (int)grid->resolution[ku], mv = (int)grid->resolution[kv];
+    const bool climbs = bundle->side > 0.0f;
+    const int way = climbs ? 1 : -1;
+    const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
+    const float pad = (float)way * 0x1p-6f;
+    const int end = slice_at(grid, kd, climbs ? bundle->to : bundle->from, pad);
+    const Beam beam = bundle->beam;
+    Waiting waiting;
+    for (uint i = 0; i < REMEMBERED; i += LANES)
+        vstore8((uint8)(NO_HIT), 0, waiting.seen + i);
+    for (int slice = slice_at(grid, kd, climbs ? bundle->from : bundle->to, -pad);; slice += way) {
+        const float near = lower + (float)(climbs ? slice : slice + 1) * cell;
+        const float far = lower + (float)(climbs ? slice + 1 : slice) * cell;
+        const uint alive = groups_alive(bundle, near);
+        if (alive == 0)
+            break;
+        const float u0 = min(beam.at[0] + beam.slope[0] * near, beam.at[0] + beam.slope[0] * far);
+        const float u1 = max(beam.at[1] + beam.slope[1] * near, beam.at[1] + beam.slope[1] * far);
+        const float v0 = min(beam.at[2] + beam.slope[2] * near, beam.at[2] + beam.slope[2] * far);
+        const float v1 = max(beam.at[3] + beam.slope[3] * near, beam.at[3] + beam.slope[3] * far);
+        const float least_u = cell_at(grid, ku, u0 - BEAM_PAD), greatest_u = cell_at(grid, ku, u1 + BEAM_PAD);
+        const float least_v = cell_at(grid, kv, v0 - BEAM_PAD), greatest_v = cell_at(grid, kv, v1 + BEAM_PAD);
+        if (greatest_u >= 0.0f && greatest_v >= 0.0f && least_u < (float)mu && least_v < (float)mv) {
+            int first[3], last[3];
+            first[ku] = (int)max(least_u, 0.0f);
+            last[ku] = (int)min(greatest_u, (float)(mu - 1));
+            first[kv] = (int)max(least_v, 0.0f);
+            last[kv] = (int)min(greatest_v, (float)(mv - 1));
+            first[kd] = last[kd] = slice;
+            uint count = 0;
+            for (int z = first[2]; z <= last[2]; ++z)
+                for (int y = first[1]; y <= last[1]; ++y) {
+                    const uint row = ((uint)z * grid->resolution[1] + (uint)y) * grid->resolution[0];
+                    count = take_run(tile, bundle, alive, &waiting, count, row + (uint)first[0], row + (uint)last[0],
+                                     GRID_ARGUMENTS, MESH_ARGUMENTS);
+                }
+            if (count != 0)
+                keep_waiting(tile, bundle, alive, &waiting, count, MESH_ARGUMENTS);
+        }
+        if (slice == end)
+            break;
+    }
+    return true;
+}
+
+#endif
