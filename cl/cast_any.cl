@@ -7,17 +7,21 @@
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void cast_any(__constant const FrameParams *frame, GRID_PARAMETERS, MESH_PARAMETERS, RAY_PARAMETERS,
-                       uint ray_count, __global uint *invalid, __global uchar *occluded)
+                       ORDER_PARAMETERS, __global uint *invalid, __global uchar *occluded)
 {
-    const size_t begin = (size_t)get_global_id(0) * TILE_RAYS, end = min(begin + TILE_RAYS, (size_t)ray_count);
+    const size_t number = get_global_id(0);
     Tile tile;
     start_tile(&tile, grid->triangle_count);
-    invalid[get_global_id(0)] = load_tile(&tile, begin, end, frame, RAY_ARGUMENTS);
-    for (size_t i = begin; i < end; ++i)
-        if (occluded[i])
-            tile.reach &= ~(1ul << (i - begin));
+    invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
+        if (i < ray_count && occluded[i])
+            tile.reach &= ~(1ul << k);
+    }
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
-    for (size_t i = begin; i < end; ++i)
-        if (hit_of(&tile, (uint)(i - begin)).id != NO_HIT)
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
+        if (i < ray_count && hit_of(&tile, k).id != NO_HIT)
             occluded[i] = 1;
+    }
 }

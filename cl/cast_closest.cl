@@ -10,7 +10,7 @@
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS, MESH_PARAMETERS, RAY_PARAMETERS,
-                           uint ray_count, __global uint *invalid, HIT_PARAMETERS
+                           ORDER_PARAMETERS, __global uint *invalid, HIT_PARAMETERS
 #ifdef COUNT_STEPS
                            , __global uint *steps, __global uint *tests, __global uint *batches
 #endif
@@ -19,17 +19,22 @@ __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
 #endif
                            )
 {
-    const size_t begin = (size_t)get_global_id(0) * TILE_RAYS, end = min(begin + TILE_RAYS, (size_t)ray_count);
+    const size_t number = get_global_id(0);
     Tile tile;
     start_tile(&tile, grid->triangle_count);
-    invalid[get_global_id(0)] = load_tile(&tile, begin, end, frame, RAY_ARGUMENTS);
+    invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
 #ifdef PARTS
-    for (size_t i = begin; i < end; ++i)
-        set_hit(&tile, (uint)(i - begin), bound_of(nearest + NEAREST_REALS * i));
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
+        if (i < ray_count)
+            set_hit(&tile, k, bound_of(nearest + NEAREST_REALS * i));
+    }
 #endif
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
-    for (size_t i = begin; i < end; ++i) {
-        const uint k = (uint)(i - begin);
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
+        if (i >= ray_count)
+            continue;
         Hit hit = described_hit(&tile, k, MESH_ARGUMENTS);
         const Ray ray = ray_of(&tile, k);
 #ifdef PARTS

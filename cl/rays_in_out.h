@@ -29,13 +29,39 @@ Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
 }
 
 #ifdef CLG_TILE_H
-// Rays begin .. end - 1, TILE_RAYS at most. Returns how many of them are none.
-uint load_tile(Tile *tile, size_t begin, size_t end, __constant const FrameParams *frame, RAY_PARAMETERS)
+// Where the rays of a tile are: ORDERED: one after another in `order`; else `row` rays make a row, and a tile has 8 of
+// each of 8 rows, in groups of 4 x 2.
+#ifdef ORDERED
+#define ORDER_PARAMETERS uint ray_count, __global const uint *order
+#define ORDER_ARGUMENTS ray_count, order
+#else
+#define ORDER_PARAMETERS uint ray_count, uint row
+#define ORDER_ARGUMENTS ray_count, row
+#endif
+
+// Ray k of a tile; at least ray_count if there is none.
+size_t ray_in_tile(size_t tile, uint k, ORDER_PARAMETERS)
 {
+#ifdef ORDERED
+    const size_t i = tile * TILE_RAYS + k;
+    return i < ray_count ? order[i] : ray_count;
+#else
+    const uint across = (row + 7) / 8, g = k / LANES, lane = k % LANES;
+    const size_t x = tile % across * 8 + g % 2 * 4 + lane % 4, y = tile / across * 8 + g / 2 * 2 + lane / 4;
+    return x < row ? y * row + x : ray_count;
+#endif
+}
+
+// The rays of a tile. Returns how many of them are none.
+uint load_tile(Tile *tile, size_t number, ORDER_PARAMETERS, __constant const FrameParams *frame, RAY_PARAMETERS)
+{
+    ulong here = 0;
     for (uint k = 0; k < TILE_RAYS; k += 4) {
         double o[3][4], d[3][4], t_min[4], t_max[4];
         for (uint lane = 0; lane < 4; ++lane) {
-            const size_t i = min(begin + k + lane, end - 1);
+            const size_t own = ray_in_tile(number, k + lane, ORDER_ARGUMENTS);
+            const size_t i = min(own, (size_t)ray_count - 1);
+            here |= (ulong)(own < ray_count ? 1 : 0) << (k + lane);
             for (int a = 0; a < 3; ++a) {
                 o[a][lane] = origins[3 * i + a];
                 d[a][lane] = directions[3 * i + a];
@@ -50,7 +76,6 @@ uint load_tile(Tile *tile, size_t begin, size_t end, __constant const FrameParam
         }
         set_rays(tile, k, o, d, t_min, t_max, frame);
     }
-    const ulong here = end - begin < TILE_RAYS ? (1ul << (end - begin)) - 1ul : ~0ul;
     tile->reach &= here;
     return (uint)popcount(here & ~tile->valid);
 }

@@ -19,6 +19,7 @@ from clgrid.program import kernel
 from clgrid.rays import Rays, as_bounded_rays
 from clgrid.rungs import ACCURACIES, RUNGS
 from clgrid.target import DeviceMesh
+from clgrid.tiles import Division
 
 # There are no cells to count.
 _FIELDS = tuple(name for name in FIELDS if name not in COUNTERS)
@@ -101,7 +102,7 @@ def _run(
             *whole.arguments, *inputs, np.uint32(count), *outputs,
         )  # fmt: skip
 
-    return run(target, launch, _RAYS_PER_ITEM, rays, results)
+    return run(target, launch, Division(size=_RAYS_PER_ITEM), rays, results)
 
 
 def _soup(mesh: Mesh, frame: LocalFrame) -> npt.NDArray[np.float32]:

@@ -16,12 +16,12 @@ from clgrid.mesh import Mesh
 from clgrid.program import kernel
 from clgrid.rays import Rays, invalid_count
 from clgrid.target import DeviceMesh, MeshPart
+from clgrid.tiles import RAYS_PER_ITEM, Division, division_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 Defines = dict[str, int | str]
 
 NO_HIT = 0xFFFFFFFF
-RAYS_PER_ITEM = 64  # as in cl/rays_in_out.h
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
@@ -61,7 +61,14 @@ def field_defines(fields: Sequence[str]) -> Defines:
 Launch = Callable[[list[Any], int, list[Any], Defines], None]
 
 
-def run(target: DeviceMesh, launch: Launch, rays_per_item: int, rays: Rays, results: Sequence[Any]) -> int:
+def run(
+    target: DeviceMesh,
+    launch: Launch,
+    division: Division,
+    rays: Rays,
+    results: Sequence[Any],
+    further: Callable[[list[npt.NDArray[Any]]], list[npt.NDArray[Any]]] = lambda inputs: [],
+) -> int:
     """Cast rays of any leading shape by launches of a bounded number of them.
 
     Parameters
@@ -70,6 +77,8 @@ def run(target: DeviceMesh, launch: Launch, rays_per_item: int, rays: Rays, resu
         Its outputs are the number of invalid rays by work-item, then the results.
     results : sequence of (N, ...) arrays
         Filled here; what they hold, the kernel finds.
+    further
+        Inputs that follow from a launch's origins, directions and bounds.
 
     Returns
     -------
@@ -79,12 +88,12 @@ def run(target: DeviceMesh, launch: Launch, rays_per_item: int, rays: Rays, resu
     flat_o, flat_d = rays.origins.reshape(-1, 3), rays.directions.reshape(-1, 3)
     bounds, count = rays.bounds, len(flat_o)
     invalid = 0
-    most = min(_RAYS_PER_LAUNCH, largest_buffer(target.device) // _LARGEST_OF_A_RAY)
+    most = division.launch_of(min(_RAYS_PER_LAUNCH, largest_buffer(target.device) // _LARGEST_OF_A_RAY))
     for start in range(0, count, most):
         part = slice(start, min(start + most, count))
         inputs = [flat_o[part], flat_d[part], bounds if len(bounds) == 1 else bounds[part]]
-        rejected = np.zeros(-(-len(inputs[0]) // rays_per_item), np.uint32)
-        launch_on_host(target, launch, inputs, [rejected, *(array[part] for array in results)])
+        rejected = np.zeros(division.items(len(inputs[0])), np.uint32)
+        launch_on_host(target, launch, inputs + further(inputs), [rejected, *(array[part] for array in results)])
         invalid += int(rejected.sum())
     return invalid
 
@@ -92,7 +101,10 @@ def run(target: DeviceMesh, launch: Launch, rays_per_item: int, rays: Rays, resu
 def launch_on_host(
     target: DeviceMesh, launch: Launch, rays: list[npt.NDArray[Any]], results: Sequence[npt.NDArray[Any]]
 ) -> None:
-    """One launch, straight on the host arrays where the device can; fills the results."""
+    """One launch, straight on the host arrays where the device can; fills the results.
+
+    ``rays`` are origins, directions, bounds and whatever else the kernel reads.
+    """
     allocator = Allocator(target.device)
     inputs = [allocator.share(array) for array in rays]
     outputs = [allocator.results(array) for array in results]
@@ -106,16 +118,58 @@ def launch_on_host(
 
 def grid_launch(name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Launch:
     """Casts through the grids of all parts with a kernel of which each work-item takes RAYS_PER_ITEM rays."""
+    return _launch(name, target, parts, options, Division(), [])
 
+
+def cast_in_tiles(
+    name: str,
+    target: DeviceMesh,
+    parts: Sequence[GridPart],
+    options: Defines,
+    rays: Rays,
+    results: Sequence[npt.NDArray[Any]],
+) -> int:
+    """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
+    division = division_of(rays)
+    if division.row:
+        launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
+        return run(target, launch, division, rays, results)
+    launch = _launch(name, target, parts, {**options, "ORDERED": 1}, division, [])
+    return run(target, launch, division, rays, results, lambda inputs: [_order(target, parts[0], inputs)])
+
+
+def _launch(
+    name: str,
+    target: DeviceMesh,
+    parts: Sequence[GridPart],
+    options: Defines,
+    division: Division,
+    tiling: list[Any],
+) -> Launch:
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: Defines) -> None:
         for part in parts:
             every = {**defines, **options, **part.defines, **target.rung.defines}
             kernel(target.device, f"{name}.cl", name, **every)(
-                target.device.queue, (-(-count // RAYS_PER_ITEM),), (1,), target.frame_params,
-                *part.arguments, *inputs, np.uint32(count), *outputs,
+                target.device.queue, (division.items(count),), (1,), target.frame_params, *part.arguments,
+                *inputs[:3], np.uint32(count), *inputs[3:], *tiling, *outputs,
             )  # fmt: skip
 
     return launch
+
+
+def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> npt.NDArray[np.uint32]:
+    """The numbers of the rays, with those that run near each other brought together."""
+    keys = np.zeros(len(rays[0]), np.uint64)
+
+    def launch(inputs: list[Any], count: int, outputs: list[Any], defines: Defines) -> None:
+        kernel(target.device, "ray_keys.cl", "ray_keys", **defines)(
+            target.device.queue, (Division().items(count),), (1,), target.frame_params, part.lists.params,
+            *inputs, np.uint32(count), *outputs,
+        )  # fmt: skip
+
+    if len(keys) > RAYS_PER_ITEM:
+        launch_on_host(target, launch, rays, [keys])
+    return np.argsort(keys).astype(np.uint32)
 
 
 def blank(count: int, fields: Sequence[str], real: type[np.floating[Any]]) -> Arrays:
@@ -150,15 +204,18 @@ def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fiel
         nearest = [np.zeros((count, rung.nearest_reals), rung.real)]
         nearest[0][:, 0] = np.inf
     options = {**part_defines(parts), **field_defines(fields)}
-    launch = grid_launch(rung.kernel("cast_closest"), target, parts, options)
-    invalid = run(target, launch, RAYS_PER_ITEM, rays, [*results.values(), *nearest])
+    name, filled = rung.kernel("cast_closest"), [*results.values(), *nearest]
+    if rung.packets:
+        invalid = run(target, grid_launch(name, target, parts, options), Division(), rays, filled)
+    else:
+        invalid = cast_in_tiles(name, target, parts, options, rays, filled)
     return hits_of(target.mesh, rays, results, invalid)
 
 
 def cast_any(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays) -> npt.NDArray[np.bool_]:
     """(...) bool: whether each ray meets a triangle."""
     occluded = np.zeros(len(rays.origins.reshape(-1, 3)), np.uint8)
-    run(target, grid_launch("cast_any", target, parts, {}), RAYS_PER_ITEM, rays, [occluded])
+    cast_in_tiles("cast_any", target, parts, {}, rays, [occluded])
     return occluded.astype(bool).reshape(rays.origins.shape[:-1])
 
 
@@ -175,7 +232,7 @@ def count_hits(
     """
     counts = np.zeros(len(rays.origins.reshape(-1, 3)), np.uint32)
     options: Defines = {"OPEN_START": 1} if open_start and target.rung.name == "exact" else {}
-    run(target, grid_launch("count_hits", target, parts, options), RAYS_PER_ITEM, rays, [counts])
+    run(target, grid_launch("count_hits", target, parts, options), Division(), rays, [counts])
     return counts.reshape(rays.origins.shape[:-1])
 
 

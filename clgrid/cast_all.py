@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.cast import RAYS_PER_ITEM, Arrays, GridPart, blank, field_defines, grid_launch, launch_on_host
+from clgrid.cast import Arrays, GridPart, blank, field_defines, grid_launch, launch_on_host
 from clgrid.errors import InputError
 from clgrid.hits import AllHits
 from clgrid.memory import largest_buffer
 from clgrid.rays import Rays
 from clgrid.target import DeviceMesh
+from clgrid.tiles import RAYS_PER_ITEM
 
 # Room that each chunk of rays gets at first, in hits a ray; a chunk that needs more is cast again.
 _ROOM = 8
