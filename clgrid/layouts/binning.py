@@ -178,15 +178,16 @@ def sort_by_slab(work: Work, counted: Counted) -> Binned:
     allocator = work.allocator
     with work.stage("scan"):
         slab_starts = allocator.buffer(work.index_bytes * (work.slabs + 1))
+        starts = allocator.buffer(work.index_bytes * counted.chunks * work.slabs)
         work.run(
-            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, slab_starts
+            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, starts, slab_starts
         )
     with work.stage("bin"):
         cells = allocator.buffer(2 * work.reference_count)
         triangles = allocator.buffer(4 * work.reference_count)
         work.run(
             "bin_references", counted.chunks, work.params, work.vertices, work.faces, *counted.shape,
-            counted.ranges, counted.counts, cells, triangles,
+            counted.ranges, starts, counted.counts, cells, triangles,
         )  # fmt: skip
-    allocator.release(counted.ranges, counted.counts)
+    allocator.release(counted.ranges, counted.counts, starts)
     return Binned(slab_starts, cells, triangles)
