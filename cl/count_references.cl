@@ -62,20 +62,21 @@ __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void count_references(__constant const GridParams *grid, __global const float *vertices,
                                __global const uint *faces, uint chunk_size, uint slab_shift, uint slabs,
                                ulong most_references, __global uint2 *ranges, __global ref_index *counts,
-                               __global ulong *totals)
+                               __global ref_index *spare, __global ulong *totals)
 {
     const uint chunk = get_global_id(0);
     const uint begin = chunk * chunk_size;
     const uint end = min(begin + chunk_size, grid->triangle_count);
     const uint mx = grid->resolution[0], my = grid->resolution[1];
     __global ref_index *count = counts + (size_t)chunk * slabs;
+    __global ref_index *other = spare + (size_t)chunk * slabs;
     ulong total = 0;
     for (uint s = 0; s < slabs; ++s)
-        count[s] = 0;
+        count[s] = other[s] = 0;
     uint i = begin;
     for (; i + 8 <= end && total + 256 <= most_references; i += 8) {
-        for (uint k = 0; k < 8; ++k)
-            fetch_early(vertices, faces + 3 * (size_t)min(i + k + FETCH_AHEAD, end - 1));
+        if (i + FETCH_AHEAD + 8 <= end)
+            fetch_early8(vertices, faces + 3 * (size_t)(i + FETCH_AHEAD));
         const CellRanges8 r = cell_ranges8(grid, vertices, faces + 3 * (size_t)i);
         const uint8 first = convert_uint8((r.z * (int)my + r.y) * (int)mx + r.x);
         const int8 too_long = (r.more_x > 2047) | (r.more_y > 2047) | (r.more_z > 1022);
@@ -100,10 +101,11 @@ __kernel void count_references(__constant const GridParams *grid, __global const
 #pragma unroll
         for (uint k = 0; k < 8; ++k) {
             count[s0[k]] += n0[k];
-            count[s1[k]] += n1[k];
+            other[s1[k]] += n1[k];
             total += n0[k] + n1[k];
         }
-        if (any(small == 0))
+        const int4 both = small.lo & small.hi;
+        if ((both.x & both.y & both.z & both.w) == 0)
             for (uint k = 0; k < 8; ++k)
                 if (n0[k] == 0) {
                     __global const uint *face = faces + 3 * (size_t)(i + k);
@@ -117,5 +119,7 @@ __kernel void count_references(__constant const GridParams *grid, __global const
         ranges[i] = pack_range(range, mx, my);
         total += count_triangle(grid, vertices, face, range, most_references - min(total, most_references), slab_shift, count);
     }
+    for (uint s = 0; s < slabs; ++s)
+        count[s] += other[s];
     totals[chunk] = total;
 }

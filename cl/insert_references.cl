@@ -2,7 +2,7 @@
 // sum and reverse insertion (Lagae & Dutre 2008, section 3): one array is counter, end, then start.
 // Walking backwards while the pointers descend leaves every list ascending.
 //   full_cells[slab]      cells of the slab that hold a reference
-#include "config.h"
+#include "tally.h"
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void insert_references(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
@@ -17,18 +17,17 @@ __kernel void insert_references(uint cell_count, uint slab_shift, __global const
     __global ref_index *cell = cells + first;
     for (uint i = 0; i < size; ++i)
         cell[i] = 0;
-    for (ref_index r = begin; r < end; ++r)
-        ++cell[binned_cells[r]];
-    ref_index sum = begin;
-    uint full = 0;
-    for (uint i = 0; i < size; ++i) {
-        full += cell[i] != 0;
-        sum += cell[i];
-        cell[i] = sum;
+    const ref_index half_n = (end - begin) / 2;
+    __global const ushort *c0 = binned_cells + begin, *c1 = c0 + half_n;
+    for (ref_index r = 0; r < half_n; ++r) {
+        ++cell[c0[r]];
+        ++cell[c1[r]];
     }
+    if ((end - begin) & 1)
+        ++cell[binned_cells[end - 1]];
+    full_cells[slab] = sum_up(cell, size, begin);
     for (ref_index r = end; r > begin; --r)
         references[--cell[binned_cells[r - 1]]] = binned_triangles[r - 1];
     if (first + size == cell_count)
         cell[size] = end;
-    full_cells[slab] = full;
 }

@@ -8,13 +8,14 @@
 // Asks for a triangle's vertices so many triangles before they are needed: where neighbours in the mesh are
 // far apart in memory, the build would wait for little else.
 #define FETCH_AHEAD 32u
-void fetch_early(__global const float *vertices, __global const uint *face)
+void fetch_early8(__global const float *vertices, __global const uint *faces)
 {
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
-    for (int i = 0; i < 3; ++i) {
+#pragma unroll
+    for (uint i = 0; i < 24; ++i) {
         // First and last of the four floats that are read: they may lie in two cache lines.
-        const size_t at = (size_t)(vertices + 3 * (size_t)face[i]);
+        const size_t at = (size_t)(vertices + 3 * (size_t)faces[i]);
         __builtin_prefetch((const void *)at, 0, 3);
         __builtin_prefetch((const void *)(at + 12), 0, 3);
     }

@@ -113,6 +113,7 @@ class Counted:
     shape: tuple[np.uint32, np.uint32, np.uint32]
     ranges: Any
     counts: Any
+    starts: Any
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,7 @@ def _count(work: Work) -> tuple[Counted, int]:
     shape = (np.uint32(chunk_size), np.uint32(work.slab_shift), np.uint32(work.slabs))
     ranges = allocator.buffer(8 * work.triangles)
     counts = allocator.buffer(work.index_bytes * chunks * work.slabs)
+    starts = allocator.buffer(work.index_bytes * chunks * work.slabs)
     totals = allocator.buffer(8 * chunks)
     most = np.uint64(2**63 if work.wide else MOST_REFERENCES)
     work.run(
@@ -166,11 +168,12 @@ def _count(work: Work) -> tuple[Counted, int]:
         most,
         ranges,
         counts,
+        starts,
         totals,
     )
     total = int(allocator.download(totals, np.uint64, chunks).sum())
     allocator.release(totals)
-    return Counted(chunks, shape, ranges, counts), total
+    return Counted(chunks, shape, ranges, counts, starts), total
 
 
 def sort_by_slab(work: Work, counted: Counted) -> Binned:
@@ -178,16 +181,15 @@ def sort_by_slab(work: Work, counted: Counted) -> Binned:
     allocator = work.allocator
     with work.stage("scan"):
         slab_starts = allocator.buffer(work.index_bytes * (work.slabs + 1))
-        starts = allocator.buffer(work.index_bytes * counted.chunks * work.slabs)
         work.run(
-            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, starts, slab_starts
+            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, counted.starts, slab_starts
         )
     with work.stage("bin"):
         cells = allocator.buffer(2 * work.reference_count)
         triangles = allocator.buffer(4 * work.reference_count)
         work.run(
             "bin_references", counted.chunks, work.params, work.vertices, work.faces, *counted.shape,
-            counted.ranges, starts, counted.counts, cells, triangles,
+            counted.ranges, counted.starts, counted.counts, cells, triangles,
         )  # fmt: skip
-    allocator.release(counted.ranges, counted.counts, starts)
+    allocator.release(counted.ranges, counted.counts, counted.starts)
     return Binned(slab_starts, cells, triangles)
