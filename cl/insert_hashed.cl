@@ -3,16 +3,16 @@
 // An unused slot holds no list: its start is that of the next.
 //   table_starts[slab]    first slot of the slab's table, [slabs] is their number
 //   table[slot]           where the slot's list starts, [slots] is the number of references
-#include "config.h"
+#include "binned.h"
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void insert_hashed(uint slab_shift, uint slabs, __global const ref_index *slab_starts,
-                            __global ushort *binned_cells, __global const uint *binned_triangles,
+__kernel void insert_hashed(uint slab_shift, __global const ref_index *slab_starts,
+                            __global const ref_index *ends, uint chunks, uint chunk_size, __global uint *binned,
                             __global const ulong *domain, __global const ushort *offsets,
                             __global const uint *table_starts,
                             __global ref_index *table, __global uint *references)
 {
-    const uint slab = get_global_id(0);
+    const uint slab = get_global_id(0), slabs = get_global_size(0);
     const ref_index begin = slab_starts[slab], end = slab_starts[slab + 1];
     const uint size = table_starts[slab + 1] - table_starts[slab];
     __global ref_index *slot = table + table_starts[slab];
@@ -20,9 +20,10 @@ __kernel void insert_hashed(uint slab_shift, uint slabs, __global const ref_inde
     for (uint i = 0; i < size; ++i)
         slot[i] = 0;
     for (ref_index r = begin; r < end; ++r) {
-        const uint row = first_row + (binned_cells[r] >> ROW_SHIFT), x = binned_cells[r] & (ROW_CELLS - 1);
+        const uint entry = binned[r], cell = CELL_OF(entry);
+        const uint row = first_row + (cell >> ROW_SHIFT), x = cell & (ROW_CELLS - 1);
         const ushort at = (ushort)(offsets[row] + SLOT_IN_ROW(domain[row], x));
-        binned_cells[r] = at;
+        binned[r] = entry - cell + at;
         ++slot[at];
     }
     ref_index sum = begin;
@@ -30,8 +31,15 @@ __kernel void insert_hashed(uint slab_shift, uint slabs, __global const ref_inde
         sum += slot[i];
         slot[i] = sum;
     }
-    for (ref_index r = end; r > begin; --r)
-        references[--slot[binned_cells[r - 1]]] = binned_triangles[r - 1];
+    ref_index r = end;
+    for (uint chunk = chunks; chunk-- > 0;) {
+        const uint first_triangle = chunk * chunk_size;
+        const ref_index stop = chunk_begin(ends, chunk, slab, slabs, begin);
+        for (; r > stop; --r) {
+            const uint entry = binned[r - 1];
+            references[--slot[CELL_OF(entry)]] = TRIANGLE_OF(entry, first_triangle);
+        }
+    }
     if (slab + 1 == slabs)
         slot[size] = end;
 }

@@ -4,7 +4,7 @@
 //   domain[row]           bit x: cell x of the row holds a reference
 //   offsets[row]          slot of cell x within the slab's table: (offset + SLOT_IN_ROW) mod 2^16
 //   slots[slab]           size of the slab's table      full_cells[slab]    of them in use
-#include "config.h"
+#include "binned.h"
 
 // Words of the table that are searched for a row before it goes to the end: bounds the time.
 #define SEARCH_WORDS 512u
@@ -23,7 +23,7 @@ ulong open_slots(__local const ulong *used, uint at, ulong mask)
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
-                         __global const ushort *binned_cells, __global ulong *domain,
+                         __global const uint *binned, __global ulong *domain,
                          __global ushort *offsets, __global uint *slots, __global uint *full_cells)
 {
     __local ulong used[MOST_SLAB_ROWS + 3];
@@ -40,7 +40,7 @@ __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_in
         word[i] = 0;
     const ref_index end = slab_starts[slab + 1];
     for (ref_index r = slab_starts[slab]; r < end; ++r)
-        word[binned_cells[r] >> ROW_SHIFT] |= 1ul << (binned_cells[r] & (ROW_CELLS - 1));
+        word[CELL_OF(binned[r]) >> ROW_SHIFT] |= 1ul << (binned[r] & (ROW_CELLS - 1));
 
     // A stable counting sort by the number of full cells, most first; rows without any come last.
     for (uint k = 0; k < ROW_CELLS + 2; ++k)
