@@ -13,4 +13,11 @@ ref_index chunk_begin(__global const ref_index *ends, uint chunk, uint slab, uin
     return chunk == 0 ? begin : ends[(size_t)(chunk - 1) * slabs + slab];
 }
 
+// Before lists are written in no order: stores that miss wait for each other, and a prefetch gains less.
+void bring_into_cache(__global uint *references, ref_index begin, ref_index end)
+{
+    for (ref_index r = begin; r < end; ++r)
+        references[r] = 0;
+}
+
 #endif

@@ -31,6 +31,7 @@ __kernel void insert_hashed(uint slab_shift, __global const ref_index *slab_star
         sum += slot[i];
         slot[i] = sum;
     }
+    bring_into_cache(references, begin, end);
     ref_index r = end;
     for (uint chunk = chunks; chunk-- > 0;) {
         const uint first_triangle = chunk * chunk_size;

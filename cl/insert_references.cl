@@ -27,6 +27,7 @@ __kernel void insert_references(uint cell_count, uint slab_shift, __global const
     if ((end - begin) & 1)
         ++cell[CELL_OF(binned[end - 1])];
     full_cells[slab] = sum_up(cell, size, begin);
+    bring_into_cache(references, begin, end);
     ref_index r = end;
     for (uint chunk = chunks; chunk-- > 0;) {
         const uint first_triangle = chunk * chunk_size;
