@@ -66,8 +66,8 @@ void bin_triangle(__constant const GridParams *grid, __global const float *verti
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void bin_references(__constant const GridParams *grid, __global const float *vertices,
                              __global const uint *faces, uint chunk_size, uint slab_shift, uint slabs,
-                             __global const uint2 *ranges, __global ref_index *starts, __global const ref_index *ends,
-                             __global uint *binned)
+                             __global const uint2 *ranges, __global ref_index *starts,
+                             __global const ref_index *ends, __global uint *binned)
 {
     const uint chunk = get_global_id(0);
     const uint begin = chunk * chunk_size;
@@ -77,9 +77,12 @@ __kernel void bin_references(__constant const GridParams *grid, __global const f
     __global const ref_index *room = ends + (size_t)chunk * slabs;
     const Bins bins = {position, binned, slab_shift};
     const uint within = (1u << slab_shift) - 1u;
-    // Cells of a layer, by the extents less one along x and y, 0 or 1 each.
+    // Cells of a layer after its first, by the extents less one along y and x, 0 or 1 each.
     const uint4 squares[4] = {(uint4)(0), (uint4)(0, 1, 0, 0), (uint4)(0, mx, 0, 0), (uint4)(0, 1, mx, mx + 1)};
     for (uint i = begin; i < end; ++i) {
+        // Most triangles touch at most two layers of cells, of each at most 2 x 2, in one slab. All of these are
+        // entered alike, by two stores of four, since no branch foretells the number of their cells. What is
+        // stored beyond it, the chunk's next references in the slab overwrite, if it has so many to come.
         const uint2 packed = ranges[i];
         const uint more_x = packed.y & 1u, more_y = packed.y >> 11 & 1u, more_z = packed.y >> 22 & 1u;
         const uint first = packed.x, second = first + (layer & -more_z);

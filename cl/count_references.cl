@@ -3,6 +3,7 @@
 // result is the same for any number of threads (sort-middle: Ize et al. 2006; paper section 3).
 //   ranges[triangle]           packed cell range, see raster.h
 //   counts[chunk][slab]        references of the chunk in the slab
+//   spare[chunk][slab]         for the kernel's own use
 //   totals[chunk]              references of the chunk, in 64 bits
 #include "clip.h"
 
@@ -38,7 +39,7 @@ ulong count_clipped(__constant const GridParams *grid, __global const float *ver
     return total;
 }
 
-// Counts the cells of one triangle, whatever its size; returns their number.
+// Counts the cells of one triangle, whatever its size, unless they are more than `room`; returns their number.
 ulong count_triangle(__constant const GridParams *grid, __global const float *vertices, __global const uint *face,
                      CellRange range, ulong room, uint slab_shift, __global ref_index *count)
 {
@@ -58,6 +59,54 @@ ulong count_triangle(__constant const GridParams *grid, __global const float *ve
     return box;
 }
 
+// Triangles that one vector takes, and cells that count_eight can find in them at most.
+#define VECTOR 8u
+#define MOST_EASY_CELLS (VECTOR * 32u)
+#if CLIP_CELLS < 32
+#error "count_eight counts the whole boxes of up to 2 x 4 x 4 cells"
+#endif
+
+// The ranges of eight triangles, and the counts of those that touch two layers of cells at most, and of each
+// one slab alone: nearly all. No branch foretells the number of a triangle's cells. The two layers have
+// counters apart, since neighbours add to the same ones, and each addition waits for the last.
+// Returns the number of cells counted; `left`: triangles that were not.
+ulong count_eight(__constant const GridParams *grid, __global const float *vertices, __global const uint *faces,
+                  uint slab_shift, __global uint *ranges, __global ref_index *lower, __global ref_index *upper,
+                  bool *left, uint *counted)
+{
+    const int mx = (int)grid->resolution[0], my = (int)grid->resolution[1];
+    const CellRanges8 r = cell_ranges8(grid, vertices, faces);
+    const uint8 first = as_uint8((r.z * my + r.y) * mx + r.x);
+    const int8 too_long = (r.more_x > 2047) | (r.more_y > 2047) | (r.more_z > MOST_LAYERS);
+    const uint8 fitting = as_uint8(r.more_x | r.more_y << 11 | r.more_z << 22);
+    const uint8 more = too_long ? (uint8)(RANGE_TOO_LONG) : fitting;
+    vstore8((uint8)(first.s0, more.s0, first.s1, more.s1, first.s2, more.s2, first.s3, more.s3), 0, ranges);
+    vstore8((uint8)(first.s4, more.s4, first.s5, more.s5, first.s6, more.s6, first.s7, more.s7), 1, ranges);
+
+    const uint8 across = as_uint8(r.more_y * mx + r.more_x);
+    const uint8 second = first + as_uint8(r.more_z * (mx * my));
+    const uint8 slab0 = first >> slab_shift, slab1 = second >> slab_shift;
+    const int8 easy = (r.more_z < 2) & (r.more_x < 4) & (r.more_y < 4) &
+                      ((first + across) >> slab_shift == slab0) & ((second + across) >> slab_shift == slab1);
+    const int8 cells0 = (r.more_x + 1) * (r.more_y + 1) & easy;
+    const int8 cells1 = cells0 & -r.more_z;
+    uint s0[VECTOR], s1[VECTOR], n1[VECTOR];
+    vstore8(slab0, 0, s0);
+    vstore8(slab1 & as_uint8(easy), 0, s1);
+    vstore8(as_uint8(cells0), 0, counted);
+    vstore8(as_uint8(cells1), 0, n1);
+    uint total = 0;
+#pragma unroll
+    for (uint k = 0; k < VECTOR; ++k) {
+        lower[s0[k]] += counted[k];
+        upper[s1[k]] += n1[k];
+        total += counted[k] + n1[k];
+    }
+    const int4 halves = easy.lo & easy.hi;
+    *left = (halves.x & halves.y & halves.z & halves.w) == 0;
+    return total;
+}
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void count_references(__constant const GridParams *grid, __global const float *vertices,
                                __global const uint *faces, uint chunk_size, uint slab_shift, uint slabs,
@@ -67,57 +116,31 @@ __kernel void count_references(__constant const GridParams *grid, __global const
     const uint chunk = get_global_id(0);
     const uint begin = chunk * chunk_size;
     const uint end = min(begin + chunk_size, grid->triangle_count);
-    const uint mx = grid->resolution[0], my = grid->resolution[1];
-    __global ref_index *count = counts + (size_t)chunk * slabs;
-    __global ref_index *other = spare + (size_t)chunk * slabs;
-    ulong total = 0;
+    __global ref_index *count = counts + (size_t)chunk * slabs, *other = spare + (size_t)chunk * slabs;
     for (uint s = 0; s < slabs; ++s)
         count[s] = other[s] = 0;
+    ulong total = 0;
     uint i = begin;
-    for (; i + 8 <= end && total + 256 <= most_references; i += 8) {
-        if (i + FETCH_AHEAD + 8 <= end)
-            fetch_early8(vertices, faces + 3 * (size_t)(i + FETCH_AHEAD));
-        const CellRanges8 r = cell_ranges8(grid, vertices, faces + 3 * (size_t)i);
-        const uint8 first = convert_uint8((r.z * (int)my + r.y) * (int)mx + r.x);
-        const int8 too_long = (r.more_x > 2047) | (r.more_y > 2047) | (r.more_z > 1022);
-        const int8 packed = (r.more_x | r.more_y << 11 | r.more_z << 22) | too_long;
-        const uint8 packed_u = as_uint8(packed);
-        vstore8((uint8)(first.s0, packed_u.s0, first.s1, packed_u.s1, first.s2, packed_u.s2, first.s3, packed_u.s3), 0,
-                (__global uint *)(ranges + i));
-        vstore8((uint8)(first.s4, packed_u.s4, first.s5, packed_u.s5, first.s6, packed_u.s6, first.s7, packed_u.s7), 0,
-                (__global uint *)(ranges + i + 4));
-        // Most triangles touch two layers of cells at most, and of each one slab alone.
-        const uint8 layer = as_uint8(r.more_y * (int)mx + r.more_x);
-        const uint8 second = first + as_uint8(r.more_z * (int)(mx * my));
-        const uint8 slab0 = first >> slab_shift, slab1 = second >> slab_shift;
-        const int8 small = (r.more_z < 2) & (r.more_x < 4) & (r.more_y < 4) & ((first + layer) >> slab_shift == slab0) & ((second + layer) >> slab_shift == slab1);
-        const int8 cells = (r.more_x + 1) * (r.more_y + 1) & small;
-        const int8 cells1 = cells & (0 - r.more_z);
-        uint s0[8], s1[8], n0[8], n1[8];
-        vstore8(slab0, 0, s0);
-        vstore8(slab1 & as_uint8(small), 0, s1);
-        vstore8(as_uint8(cells), 0, n0);
-        vstore8(as_uint8(cells1), 0, n1);
-#pragma unroll
-        for (uint k = 0; k < 8; ++k) {
-            count[s0[k]] += n0[k];
-            other[s1[k]] += n1[k];
-            total += n0[k] + n1[k];
-        }
-        const int4 both = small.lo & small.hi;
-        if ((both.x & both.y & both.z & both.w) == 0)
-            for (uint k = 0; k < 8; ++k)
-                if (n0[k] == 0) {
-                    __global const uint *face = faces + 3 * (size_t)(i + k);
-                    const CellRange range = cell_range(grid, vertices, face);
-                    total += count_triangle(grid, vertices, face, range, most_references - min(total, most_references), slab_shift, count);
-                }
+    for (; i + VECTOR <= end && total + MOST_EASY_CELLS <= most_references; i += VECTOR) {
+        __global const uint *face = faces + 3 * (size_t)i;
+        if (i + FETCH_AHEAD + VECTOR <= end)
+            fetch_early(vertices, face + 3 * FETCH_AHEAD);
+        uint counted[VECTOR];
+        bool left;
+        total += count_eight(grid, vertices, face, slab_shift, (__global uint *)(ranges + i), count, other, &left,
+                             counted);
+        if (left)
+            for (uint k = 0; k < VECTOR; ++k)
+                if (counted[k] == 0)
+                    total += count_triangle(grid, vertices, face + 3 * k, cell_range(grid, vertices, face + 3 * k),
+                                            most_references - min(total, most_references), slab_shift, count);
     }
     for (; i < end; ++i) {
         __global const uint *face = faces + 3 * (size_t)i;
         const CellRange range = cell_range(grid, vertices, face);
-        ranges[i] = pack_range(range, mx, my);
-        total += count_triangle(grid, vertices, face, range, most_references - min(total, most_references), slab_shift, count);
+        ranges[i] = pack_range(range, grid->resolution[0], grid->resolution[1]);
+        total += count_triangle(grid, vertices, face, range, most_references - min(total, most_references),
+                                slab_shift, count);
     }
     for (uint s = 0; s < slabs; ++s)
         count[s] += other[s];

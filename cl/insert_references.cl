@@ -18,11 +18,11 @@ __kernel void insert_references(uint cell_count, uint slab_shift, __global const
     __global ref_index *cell = cells + first;
     for (uint i = 0; i < size; ++i)
         cell[i] = 0;
-    const ref_index half_n = (end - begin) / 2;
-    __global const uint *lower = binned + begin, *upper = lower + half_n;
-    for (ref_index r = 0; r < half_n; ++r) {
-        ++cell[CELL_OF(lower[r])];
-        ++cell[CELL_OF(upper[r])];
+    // Two parts in turn: neighbours count in the same cells, and wait for each other.
+    const ref_index half_number = (end - begin) / 2;
+    for (ref_index r = begin; r < begin + half_number; ++r) {
+        ++cell[CELL_OF(binned[r])];
+        ++cell[CELL_OF(binned[r + half_number])];
     }
     if ((end - begin) & 1)
         ++cell[CELL_OF(binned[end - 1])];

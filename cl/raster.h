@@ -5,10 +5,10 @@
 #define CLG_RASTER_H
 #include "config.h"
 
-// Asks for a triangle's vertices so many triangles before they are needed: where neighbours in the mesh are
-// far apart in memory, the build would wait for little else.
+// Asks for the vertices of eight triangles so many triangles before they are needed: where neighbours in the mesh
+// are far apart in memory, the build would wait for little else.
 #define FETCH_AHEAD 32u
-void fetch_early8(__global const float *vertices, __global const uint *faces)
+void fetch_early(__global const float *vertices, __global const uint *faces)
 {
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
@@ -72,7 +72,7 @@ void cells_along(float8 low, float8 high, float lower, float scale, uint cells, 
     *more = to - from;
 }
 
-// x, y and z of four pairs, transposed: a is of triangles 0 and 4, b of 1 and 5, and so on.
+// Eight points, transposed: a is 0 and 4, b is 1 and 5, and so on.
 void transpose(float8 a, float8 b, float8 c, float8 d, float8 *x, float8 *y, float8 *z)
 {
     const float8 ab = (float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5);
@@ -111,13 +111,15 @@ CellRanges8 cell_ranges8(__constant const GridParams *grid, __global const float
 }
 
 // A range in eight bytes: the first cell's index, and the extents less one in 11, 11 and 10 bits.
-#define RANGE_TOO_LONG 0xFFFFFFFFu
+// What does not fit says so by an extent of its own, whose odd bits along z are clear: no second layer is looked at.
+#define RANGE_TOO_LONG 0xFFBFFFFFu
+#define MOST_LAYERS 1021
 
 uint2 pack_range(CellRange range, uint mx, uint my)
 {
     const uint4 more = convert_uint4(range.last - range.first);
     const uint first = ((uint)range.first.z * my + (uint)range.first.y) * mx + (uint)range.first.x;
-    if (more.x > 2047u || more.y > 2047u || more.z > 1022u)
+    if (more.x > 2047u || more.y > 2047u || more.z > (uint)MOST_LAYERS)
         return (uint2)(first, RANGE_TOO_LONG);
     return (uint2)(first, more.x | more.y << 11 | more.z << 22);
 }

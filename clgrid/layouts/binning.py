@@ -4,9 +4,9 @@
                       into a range of cells, and counts references per *slab*: 2^slab_shift
                       consecutive cells, small enough that a slab's counters stay in the L2 cache.
 ``scan_slabs``        Prefix sum over (slab, chunk): where each chunk writes into each slab.
-``bin_references``    The chunks write their references to the slabs: the cell within the slab and the triangle
-                      within the chunk, 16 bits each. Within a slab, chunks follow one another, so triangles
-                      are ascending.
+``bin_references``    The chunks write their references to the slabs: the cell within the slab and the
+                      triangle within the chunk, 16 bits each. Within a slab, chunks follow one another, so
+                      triangles are ascending.
 
 A layout then finishes each slab by one work-item. No atomics and no barriers: the bytes depend on
 nothing but the mesh and the resolution.
@@ -110,7 +110,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Counted:
-    """After counting: cell ranges by triangle, and references by chunk and slab."""
+    """After counting: cell ranges by triangle, references by chunk and slab, and room for where they go."""
 
     chunks: int
     shape: tuple[np.uint32, np.uint32, np.uint32]
@@ -194,7 +194,13 @@ def sort_by_slab(work: Work, counted: Counted) -> Binned:
     with work.stage("scan"):
         slab_starts = allocator.buffer(work.index_bytes * (work.slabs + 1))
         work.run(
-            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, counted.starts, slab_starts
+            "scan_slabs",
+            1,
+            np.uint32(counted.chunks),
+            np.uint32(work.slabs),
+            counted.counts,
+            counted.starts,
+            slab_starts,
         )
     with work.stage("bin"):
         entries = allocator.buffer(4 * work.reference_count)
