@@ -2,15 +2,16 @@
 // each reference to its cell's.
 //   room_starts[slab]     first entry of the slab's arrays in the pool
 //   pointers[cell]        first entry of the cell's array              sizes, capacities: size_arrays.cl
-#include "config.h"
+#include "binned.h"
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void append_references(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
-                                __global const ushort *binned_cells, __global const uint *binned_triangles,
+                                __global const ref_index *ends, uint chunks, uint chunk_size,
+                                __global const uint *binned,
                                 __global const ulong *room_starts, __global ref_index *pointers,
                                 __global uint *sizes, __global const uint *capacities, __global uint *pool)
 {
-    const uint slab = get_global_id(0);
+    const uint slab = get_global_id(0), slabs = get_global_size(0);
     const uint first = slab << slab_shift;
     const uint size = min(cell_count - first, 1u << slab_shift);
     ref_index at = (ref_index)room_starts[slab];
@@ -23,8 +24,10 @@ __kernel void append_references(uint cell_count, uint slab_shift, __global const
             for (ref_index e = at - capacities[i] / 2; e < at; ++e)
                 pool[e] = NO_HIT;
     }
-    for (ref_index r = slab_starts[slab]; r < slab_starts[slab + 1]; ++r) {
-        const uint cell = first + binned_cells[r];
-        pool[pointers[cell] + sizes[cell]++] = binned_triangles[r];
-    }
+    ref_index r = slab_starts[slab];
+    for (uint chunk = 0; chunk < chunks; ++chunk)
+        for (; r < ends[(size_t)chunk * slabs + slab]; ++r) {
+            const uint cell = first + CELL_OF(binned[r]);
+            pool[pointers[cell] + sizes[cell]++] = TRIANGLE_OF(binned[r], chunk * chunk_size);
+        }
 }

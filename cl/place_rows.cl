@@ -4,7 +4,7 @@
 //   domain[row]           bit x: cell x of the row holds a reference
 //   offsets[row]          slot of cell x within the slab's table: (offset + SLOT_IN_ROW) mod 2^16
 //   slots[slab]           size of the slab's table      full_cells[slab]    of them in use
-#include "config.h"
+#include "binned.h"
 
 // Words of the table that are searched for a row before it goes to the end: bounds the time.
 #define SEARCH_WORDS 512u
@@ -21,9 +21,14 @@ ulong open_slots(__local const ulong *used, uint at, ulong mask)
     return open;
 }
 
+void mark(__global ulong *word, uint entry)
+{
+    word[CELL_OF(entry) >> ROW_SHIFT] |= 1ul << (entry & (ROW_CELLS - 1));
+}
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
-                         __global const ushort *binned_cells, __global ulong *domain,
+                         __global const uint *binned, __global ulong *domain,
                          __global ushort *offsets, __global uint *slots, __global uint *full_cells)
 {
     __local ulong used[MOST_SLAB_ROWS + 3];
@@ -38,9 +43,15 @@ __kernel void place_rows(uint cell_count, uint slab_shift, __global const ref_in
 
     for (uint i = 0; i < rows; ++i)
         word[i] = 0;
-    const ref_index end = slab_starts[slab + 1];
-    for (ref_index r = slab_starts[slab]; r < end; ++r)
-        word[binned_cells[r] >> ROW_SHIFT] |= 1ul << (binned_cells[r] & (ROW_CELLS - 1));
+    // Two parts in turn: neighbours mark the same rows, and wait for each other.
+    const ref_index begin = slab_starts[slab], end = slab_starts[slab + 1];
+    const ref_index half_number = (end - begin) / 2;
+    for (ref_index r = begin; r < begin + half_number; ++r) {
+        mark(word, binned[r]);
+        mark(word, binned[r + half_number]);
+    }
+    if ((end - begin) & 1)
+        mark(word, binned[end - 1]);
 
     // A stable counting sort by the number of full cells, most first; rows without any come last.
     for (uint k = 0; k < ROW_CELLS + 2; ++k)

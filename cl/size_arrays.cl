@@ -1,7 +1,7 @@
 // Dynamic-array layout, counting: the size of each cell's array, and its capacity, which is what doubling
 // would leave: the next power of two.
 //   room[slab]            entries that the slab's arrays need        full_cells[slab]   cells with an array
-#include "config.h"
+#include "binned.h"
 
 uint next_power_of_two(uint n)
 {
@@ -10,7 +10,7 @@ uint next_power_of_two(uint n)
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void size_arrays(uint cell_count, uint slab_shift, __global const ref_index *slab_starts,
-                          __global const ushort *binned_cells, __global uint *sizes,
+                          __global const uint *binned, __global uint *sizes,
                           __global uint *capacities, __global ulong *room, __global uint *full_cells)
 {
     const uint slab = get_global_id(0);
@@ -19,7 +19,7 @@ __kernel void size_arrays(uint cell_count, uint slab_shift, __global const ref_i
     for (uint i = 0; i < size; ++i)
         sizes[first + i] = 0;
     for (ref_index r = slab_starts[slab]; r < slab_starts[slab + 1]; ++r)
-        ++sizes[first + binned_cells[r]];
+        ++sizes[first + CELL_OF(binned[r])];
     ulong sum = 0;
     uint full = 0;
     for (uint i = first; i < first + size; ++i) {

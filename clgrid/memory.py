@@ -16,6 +16,7 @@ _LOOSEST_FIT, _LITTLE = 2, 1 << 16
 # Buffers from this size on are made over numpy's arrays where the device shares the host's memory: numpy asks
 # the system for huge pages, drivers do not, and a build touches all its memory for the first time.
 _HUGE = 1 << 22
+_HUGE_PAGE = 1 << 21
 # Room to grow, in a buffer that will be recycled: 1/8.
 _HEADROOM = 8
 
@@ -109,7 +110,7 @@ class Allocator:
         flags = cl.mem_flags.READ_WRITE
         try:
             if size >= _HUGE and self._device.cl_device.host_unified_memory:
-                host = np.empty(size, np.uint8)
+                host = _in_huge_pages(size)
                 buffer = cl.Buffer(self._device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
             else:
                 buffer = cl.Buffer(self._device.context, flags, size)
@@ -217,3 +218,13 @@ class Allocator:
         """Forget what an abandoned build had in use: it goes with the build's own variables."""
         self.in_use = sum(buffer.size for buffer in self._spare)
         self.finished = 0
+
+
+def _in_huge_pages(nbytes: int) -> npt.NDArray[np.uint8]:
+    """Memory that starts at a huge page: numpy's own would begin and end in small ones, a fault for each.
+
+    What lies before it is asked of the system, but never touched.
+    """
+    room = np.empty(nbytes + _HUGE_PAGE, np.uint8)
+    start = -room.ctypes.data % _HUGE_PAGE
+    return room[start : start + nbytes]

@@ -134,6 +134,18 @@ def test_bytes_are_equal_on_every_device_and_in_every_run(layout: str, all_devic
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("size", [1, 8, 24, 1000])
+def test_bytes_do_not_depend_on_chunks(
+    layout: str, size: int, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Vectors of triangles stop at a chunk's end, and what it stores too much stays within its part."""
+    mesh = procedural.icosphere(4)
+    expected = digest(build(mesh, layout, 4, device=device))
+    monkeypatch.setattr(binning, "_LARGEST_CHUNK", size)
+    assert digest(build(mesh, layout, 4, device=device)) == expected
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_positions_of_64_bits(layout: str, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, rng = procedural.icosphere(3), np.random.default_rng(4)
     rays = rng.uniform(-1, 1, (500, 3)), rng.normal(size=(500, 3))

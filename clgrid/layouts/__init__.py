@@ -97,7 +97,7 @@ def predict(
 def _predict(work: Work, layout: str) -> dict[str, int]:
     allocator, counted = work.allocator, count(work)
     if layout in ("compact", "linked-list"):
-        allocator.release(counted.ranges, counted.counts)
+        allocator.release(counted.ranges, counted.counts, counted.starts)
         return compact.nbytes(work) if layout == "compact" else linked_list.nbytes(work)
     binned = sort_by_slab(work, counted)
     if layout == "hashed":
@@ -106,7 +106,7 @@ def _predict(work: Work, layout: str) -> dict[str, int]:
     else:
         sized = dynamic_array.measure(work, binned)
         sizes, made = dynamic_array.nbytes(work, sized), [sized.sizes, sized.capacities]
-    allocator.release(binned.slab_starts, binned.cells, binned.triangles, *made)
+    allocator.release(binned.slab_starts, binned.ends, binned.entries, *made)
     return sizes
 
 
@@ -116,7 +116,7 @@ def _sorted(work: Work, layout: str, skip: bool) -> Binned:
     allocator.check(sum(least.values()), work.name, largest=max(least.values()))
     counted = count(work)
     least = _least_nbytes(work, layout)
-    sorting = 6 * work.reference_count
+    sorting = 4 * work.reference_count
     what = f"{work.name} and {work.reference_count:,} references"
     extra = skipping.nbytes(work.resolution) if skip else 0
     allocator.check(

@@ -4,8 +4,9 @@
                       into a range of cells, and counts references per *slab*: 2^slab_shift
                       consecutive cells, small enough that a slab's counters stay in the L2 cache.
 ``scan_slabs``        Prefix sum over (slab, chunk): where each chunk writes into each slab.
-``bin_references``    The chunks write (cell within slab, triangle) pairs to their slabs. Within a slab,
-                      chunks follow one another, so triangles are ascending.
+``bin_references``    The chunks write their references to the slabs: the cell within the slab and the
+                      triangle within the chunk, 16 bits each. Within a slab, chunks follow one another, so
+                      triangles are ascending.
 
 A layout then finishes each slab by one work-item. No atomics and no barriers: the bytes depend on
 nothing but the mesh and the resolution.
@@ -30,7 +31,9 @@ MOST_REFERENCES = 2**32 - 2
 """That 32 bits number, with one value to spare for "none"; beyond it, positions have 64."""
 
 _SMALLEST_CHUNK = 4096
-_MOST_CHUNKS = 64
+_LARGEST_CHUNK = 65536  # a triangle within its chunk is 16 bits
+_USUAL_CHUNKS = 64
+_VECTOR = 8
 
 
 class Work:
@@ -107,12 +110,13 @@ class Work:
 
 @dataclass(frozen=True)
 class Counted:
-    """After counting: cell ranges by triangle, and references by chunk and slab."""
+    """After counting: cell ranges by triangle, references by chunk and slab, and room for where they go."""
 
     chunks: int
     shape: tuple[np.uint32, np.uint32, np.uint32]
     ranges: Any
     counts: Any
+    starts: Any
 
 
 @dataclass(frozen=True)
@@ -123,15 +127,23 @@ class Binned:
     ----------
     slab_starts : buffer of (slabs + 1)
         Where each slab's references start.
-    cells : buffer of R uint16
-        Cell of each, within its slab.
-    triangles : buffer of R uint32
-        Ascending within each slab.
+    ends : buffer of (chunks, slabs)
+        Where the references of each chunk end in each slab.
+    chunks, chunk_size : uint32
+    entries : buffer of R uint32
+        Triangle within its chunk, and cell within its slab; triangles ascend within each slab.
     """
 
     slab_starts: Any
-    cells: Any
-    triangles: Any
+    ends: Any
+    chunks: np.uint32
+    chunk_size: np.uint32
+    entries: Any
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """What kernels take that need the triangles."""
+        return self.slab_starts, self.ends, self.chunks, self.chunk_size, self.entries
 
 
 def count(work: Work) -> Counted:
@@ -139,7 +151,7 @@ def count(work: Work) -> Counted:
     with work.stage("count"):
         counted, total = _count(work)
         if total > MOST_REFERENCES and not work.wide:
-            work.allocator.release(counted.ranges, counted.counts)
+            work.allocator.release(counted.ranges, counted.counts, counted.starts)
             work.allocator.check(4 * total, f"{work.name} and {total:,} references")
             work.wide = True
             counted, total = _count(work)
@@ -149,11 +161,13 @@ def count(work: Work) -> Counted:
 
 def _count(work: Work) -> tuple[Counted, int]:
     allocator = work.allocator
-    chunk_size = max(_SMALLEST_CHUNK, -(-work.triangles // _MOST_CHUNKS))
+    chunk_size = -(-max(_SMALLEST_CHUNK, -(-work.triangles // _USUAL_CHUNKS)) // _VECTOR) * _VECTOR
+    chunk_size = min(chunk_size, _LARGEST_CHUNK)
     chunks = -(-work.triangles // chunk_size)
     shape = (np.uint32(chunk_size), np.uint32(work.slab_shift), np.uint32(work.slabs))
     ranges = allocator.buffer(8 * work.triangles)
     counts = allocator.buffer(work.index_bytes * chunks * work.slabs)
+    starts = allocator.buffer(work.index_bytes * chunks * work.slabs)
     totals = allocator.buffer(8 * chunks)
     most = np.uint64(2**63 if work.wide else MOST_REFERENCES)
     work.run(
@@ -166,11 +180,12 @@ def _count(work: Work) -> tuple[Counted, int]:
         most,
         ranges,
         counts,
+        starts,
         totals,
     )
     total = int(allocator.download(totals, np.uint64, chunks).sum())
     allocator.release(totals)
-    return Counted(chunks, shape, ranges, counts), total
+    return Counted(chunks, shape, ranges, counts, starts), total
 
 
 def sort_by_slab(work: Work, counted: Counted) -> Binned:
@@ -179,14 +194,19 @@ def sort_by_slab(work: Work, counted: Counted) -> Binned:
     with work.stage("scan"):
         slab_starts = allocator.buffer(work.index_bytes * (work.slabs + 1))
         work.run(
-            "scan_slabs", 1, np.uint32(counted.chunks), np.uint32(work.slabs), counted.counts, slab_starts
+            "scan_slabs",
+            1,
+            np.uint32(counted.chunks),
+            np.uint32(work.slabs),
+            counted.counts,
+            counted.starts,
+            slab_starts,
         )
     with work.stage("bin"):
-        cells = allocator.buffer(2 * work.reference_count)
-        triangles = allocator.buffer(4 * work.reference_count)
+        entries = allocator.buffer(4 * work.reference_count)
         work.run(
             "bin_references", counted.chunks, work.params, work.vertices, work.faces, *counted.shape,
-            counted.ranges, counted.counts, cells, triangles,
+            counted.ranges, counted.starts, counted.counts, entries,
         )  # fmt: skip
-    allocator.release(counted.ranges, counted.counts)
-    return Binned(slab_starts, cells, triangles)
+    allocator.release(counted.ranges, counted.starts)
+    return Binned(slab_starts, counted.counts, np.uint32(counted.chunks), counted.shape[0], entries)

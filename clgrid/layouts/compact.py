@@ -18,11 +18,9 @@ def finish(work: Work, binned: Binned) -> CellLists:
     with work.stage("insert"):
         cells, references = (allocator.buffer(size) for size in sizes.values())
         full = allocator.buffer(4 * work.slabs)
-        work.each_slab(
-            "insert_references", binned.slab_starts, binned.cells, binned.triangles, cells, references, full
-        )
+        work.each_slab("insert_references", *binned.arguments, cells, references, full)
     full_cells = int(allocator.take(full, "uint32", work.slabs).sum())
-    allocator.release(binned.slab_starts, binned.cells, binned.triangles)
+    allocator.release(binned.slab_starts, binned.ends, binned.entries)
     return CellLists(
         layout="compact",
         params=work.params,

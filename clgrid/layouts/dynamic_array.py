@@ -42,7 +42,7 @@ def measure(work: Work, binned: Binned) -> Sized:
     with work.stage("size"):
         sizes, capacities = allocator.buffer(4 * work.cells), allocator.buffer(4 * work.cells)
         room, full = allocator.buffer(8 * work.slabs), allocator.buffer(4 * work.slabs)
-        work.each_slab("size_arrays", binned.slab_starts, binned.cells, sizes, capacities, room, full)
+        work.each_slab("size_arrays", binned.slab_starts, binned.entries, sizes, capacities, room, full)
         starts = np.zeros(work.slabs + 1, np.uint64)
         np.cumsum(allocator.take(room, "uint64", work.slabs), out=starts[1:])
         full_cells = int(allocator.take(full, "uint32", work.slabs).sum())
@@ -68,10 +68,10 @@ def finish(work: Work, binned: Binned) -> CellLists:
         pointers, pool = allocator.buffer(sizes["pointers"]), allocator.buffer(sizes["pool"])
         starts = allocator.filled(sized.starts)
         work.each_slab(
-            "append_references", binned.slab_starts, binned.cells, binned.triangles, starts,
+            "append_references", *binned.arguments, starts,
             pointers, sized.sizes, sized.capacities, pool,
         )  # fmt: skip
-    allocator.release(starts, binned.slab_starts, binned.cells, binned.triangles)
+    allocator.release(starts, binned.slab_starts, binned.ends, binned.entries)
     buffers = (pointers, sized.sizes, sized.capacities, pool)
     return CellLists(
         layout="dynamic-array",

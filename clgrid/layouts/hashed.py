@@ -53,7 +53,7 @@ def place(work: Work, binned: Binned) -> Placed:
     with work.stage("place"):
         domain, offsets = allocator.buffer(8 * rows), allocator.buffer(2 * rows)
         slots, full = allocator.buffer(4 * work.slabs), allocator.buffer(4 * work.slabs)
-        work.each_slab("place_rows", binned.slab_starts, binned.cells, domain, offsets, slots, full)
+        work.each_slab("place_rows", binned.slab_starts, binned.entries, domain, offsets, slots, full)
         starts = np.zeros(work.slabs + 1, np.uint32)
         np.cumsum(allocator.take(slots, "uint32", work.slabs), out=starts[1:])
         full_cells = int(allocator.take(full, "uint32", work.slabs).sum())
@@ -81,11 +81,11 @@ def finish(work: Work, binned: Binned) -> CellLists:
         table_starts = allocator.filled(placed.starts)
         table, references = allocator.buffer(sizes["table"]), allocator.buffer(sizes["references"])
         work.run(
-            "insert_hashed", work.slabs, np.uint32(work.slab_shift), np.uint32(work.slabs),
-            binned.slab_starts, binned.cells, binned.triangles, placed.domain, placed.offsets,
+            "insert_hashed", work.slabs, np.uint32(work.slab_shift), *binned.arguments,
+            placed.domain, placed.offsets,
             table_starts, table, references,
         )  # fmt: skip
-    allocator.release(binned.slab_starts, binned.cells, binned.triangles)
+    allocator.release(binned.slab_starts, binned.ends, binned.entries)
     buffers = (placed.domain, placed.offsets, table_starts, table, references)
     return CellLists(
         layout="hashed",
