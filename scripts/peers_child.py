@@ -1,7 +1,7 @@
 """A library in a process of its own, for scripts/peers: takes commands by lines of JSON, answers by lines.
 
-    {"do": "open", "folder": ..}      read a scene, warm up       {"do": "turn", "reps": N}   measure once
-    {"do": "answers", "to": FILE}     hits of all rays as arrays  {"do": "moving"}            a pass of frames
+{"do": "open", "folder": ..}      read a scene, warm up       {"do": "turn", "reps": N}   measure once
+{"do": "answers", "to": FILE}     hits of all rays as arrays  {"do": "moving"}            a pass of frames
 """
 
 from __future__ import annotations
@@ -80,11 +80,13 @@ class Peer(ABC):
     def answers(self) -> Arrays:
         """Hits of all rays."""
         camera, random = self.hits(self.camera_rays), self.hits(self.random_rays)
-        return dict(zip(("camera_ids", "camera_t", "random_ids", "random_t"), (*camera, *random), strict=True))
+        return dict(
+            zip(("camera_ids", "camera_t", "random_ids", "random_t"), (*camera, *random), strict=True)
+        )
 
 
 class Clgrid(Peer):
-    """This package, on one device."""
+    """The package itself, on one device."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__(options)
@@ -185,7 +187,12 @@ class Clgrid(Peer):
             timings.time("primary", self.render)
             hits.append(self.image.hits)
         triangles = self.shot.triangles
-        return {"s": timings.summary(), "raw": timings.raw(), "hits": hits, "bytes": self.grid.nbytes / triangles}
+        return {
+            "s": timings.summary(),
+            "raw": timings.raw(),
+            "hits": hits,
+            "bytes": self.grid.nbytes / triangles,
+        }
 
 
 class Embreex(Peer):

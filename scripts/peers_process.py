@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import shlex
 import shutil
 import subprocess
 import sys
@@ -129,23 +130,21 @@ def run_json(command: Sequence[str], threads: int, timeout: float) -> dict[str, 
     return reply
 
 
-def compile_moving(cpp: Path, folder: Path) -> Path:
-    """The peer for meshes that move, over Embree's of the folder of peers.
+def compile_moving(cpp: Path, program: Path) -> None:
+    """Compile the peer for meshes that move, over Embree's of the folder of peers.
 
     Raises
     ------
     PeerError
         If there is no compiler, or it fails.
     """
-    compiler = os.environ.get("CXX", "g++")
-    if shutil.which(compiler) is None:
-        raise PeerError(f"{compiler} is missing: no compiler for the sequences")
-    program = folder / "moving"
+    compiler = shlex.split(os.environ.get("CXX", "g++"))
+    if shutil.which(compiler[0]) is None:
+        raise PeerError(f"{compiler[0]} is missing: no compiler for the sequences")
     flags = ["-O3", "-march=native", "-std=c++20", "-fopenmp", "-DNDEBUG", "-w", "-I", str(cpp / "src")]
     source = str(HERE / "peers_moving.cpp")
     done = subprocess.run(
-        [compiler, *flags, source, "-o", str(program), "-lembree3"], capture_output=True, text=True
+        [*compiler, *flags, source, "-o", str(program), "-lembree3"], capture_output=True, text=True
     )
     if done.returncode:
         raise PeerError(f"peers_moving.cpp does not compile: {_why(done.returncode, done.stderr)}")
-    return program
