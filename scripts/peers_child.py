@@ -13,6 +13,7 @@ import json
 import os
 import sys
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ class Peer(ABC):
         """Take a scene, and do everything once without a clock."""
         self.shot = shot
         self.camera_rays, self.random_rays = shot.camera_rays(), shot.random_rays()
-        self.turn(1)
+        self.turn(0)
         return {}
 
     @abstractmethod
@@ -75,7 +76,10 @@ class Peer(ABC):
             timings.time("camera_cast", lambda: self.cast(self.camera_rays))
 
         repeat(timings, reps, ("build", "camera_cast"), once)
-        repeat(timings, 1, ("random",), lambda: timings.time("random", lambda: self.cast(self.random_rays)))
+        repeat(timings, min(reps, 1), ("random",), self._random(timings))
+
+    def _random(self, timings: Timings) -> Callable[[], object]:
+        return lambda: timings.time("random", lambda: self.cast(self.random_rays))
 
     def answers(self) -> Arrays:
         """Hits of all rays."""
@@ -94,6 +98,7 @@ class Clgrid(Peer):
 
         self.device = choose(options.device)
         self.grid: Any = None
+        self.image: Any = None
         self.shadows: Rays | None = None
 
     def facts(self) -> dict[str, Any]:
@@ -169,15 +174,12 @@ class Clgrid(Peer):
 
         repeat(timings, reps, ("build", "primary"), once)
         repeat(timings, reps, ("camera_cast",), lambda: timings.time("camera_cast", self._cast_camera))
-        repeat(timings, 1, ("random",), lambda: timings.time("random", self._cast_random))
+        repeat(timings, min(reps, 1), ("random",), self._random(timings))
         if self.shadows is not None and len(self.shadows[0]):
             repeat(timings, reps, ("shadow",), lambda: timings.time("shadow", self.occluded))
 
     def _cast_camera(self) -> object:
         return self.cast(self.camera_rays)
-
-    def _cast_random(self) -> object:
-        return self.cast(self.random_rays)
 
     def moving(self) -> dict[str, Any]:
         """One pass: each frame is built from host positions, and drawn."""
@@ -224,6 +226,8 @@ class Embreex(Peer):
 class Open3D(Peer):
     """RaycastingScene of Open3D, which is Embree too."""
 
+    scene: Any
+
     def facts(self) -> dict[str, Any]:
         import open3d
 
@@ -232,7 +236,8 @@ class Open3D(Peer):
     def open(self, shot: Shot) -> dict[str, Any]:
         import open3d
 
-        self.tensor, self.scene_class = open3d.core.Tensor, open3d.t.geometry.RaycastingScene
+        self.tensor: Any = open3d.core.Tensor
+        self.scene_class: Any = open3d.t.geometry.RaycastingScene
         return super().open(shot)
 
     def build(self) -> None:
@@ -339,7 +344,7 @@ def main() -> None:
     parser.add_argument("--layout", default="auto")
     parser.add_argument("--density", default="auto")
     parser.add_argument("--skipping", default="auto")
-    parser.add_argument("--sample", type=int, default=256)
+    parser.add_argument("--sample", type=int, default=128)
     options = parser.parse_args()
     # Libraries write to stdout as they like: answers have it for themselves.
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")

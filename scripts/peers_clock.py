@@ -12,7 +12,7 @@ Made = TypeVar("Made")
 
 # A repetition is clean that waited for at most this share of its time, and these seconds.
 _SHARE, _SLACK = 0.03, 5e-4
-_MOST_S = 4.0
+_MOST_S = 3.0
 
 
 def waited() -> float:
@@ -67,9 +67,12 @@ class Timings:
 
 
 def repeat(timings: Timings, repetitions: int, names: tuple[str, ...], work: Callable[[], object]) -> None:
-    """Work until so many repetitions of all names are clean, at most four times as often, or for seconds."""
+    """Work until so many repetitions of all names are clean, at most four times as often, or for seconds.
+
+    Without repetitions, work once.
+    """
     end = time.perf_counter() + _MOST_S
-    for turn in range(4 * repetitions):
+    for turn in range(max(1, 4 * repetitions)):
         work()
         if time.perf_counter() > end:
             return

@@ -30,9 +30,11 @@ MOVING_VARIANTS = (
 # Variants slower than this after the first round take no further part, but for those that others are held to.
 _OUT_OF_THE_RUNNING = 1.25
 _CPP_RAYS = 1_000_000
-_CPP_BUDGET_S = 4.0
-# More triangles take trimesh with rtree minutes.
-_MOST_FOR_RTREE = 120_000
+_CPP_BUDGET_S = 3.0
+# More triangles take trimesh minutes.
+_MOST_TRIANGLES = {"trimesh-rtree": 120_000, "trimesh-embreex": 2_000_000}
+# On more than so many, only the first of these builders is tried: they are far behind.
+_SLOW_BUILDER, _MOST_FOR_SLOW = "med/", 2_000_000
 
 MODULES = {"embreex": "embreex", "open3d": "open3d", "trimesh-embreex": "embreex", "trimesh-rtree": "rtree"}
 PEERS = ("embree", "grid", *MODULES)
@@ -138,14 +140,15 @@ class Measurer:
         for name, child in (*self.clgrids.items(), *self.pythons.items()):
             result = Result(CLGRID if name in self.clgrids else PYTHON, name)
             scene.results.append(result)
-            if name == "trimesh-rtree" and shot.triangles > _MOST_FOR_RTREE:
-                result.failure = f"left out above {_MOST_FOR_RTREE:,} triangles"
+            most = _MOST_TRIANGLES.get(name, shot.triangles)
+            if shot.triangles > most:
+                result.failure = f"left out above {most:,} triangles"
                 continue
             self.say(f"{shot.name}: {name} gets ready")
             attempt(result, lambda result=result, child=child: self._open(result, child, shot))  # type: ignore[misc]
             turns.append((result, self._child_turn(result, child)))
         for kind, variants in ((EMBREE, EMBREE_VARIANTS), (GRID, GRID_VARIANTS)):
-            for variant in variants if kind in self.programs else ():
+            for variant in sensible(variants, shot.triangles) if kind in self.programs else ():
                 result = Result(kind, f"{kind} {variant}")
                 scene.results.append(result)
                 turns.append((result, self._cpp_turn(result, kind, variant, shot)))
@@ -249,6 +252,13 @@ class Measurer:
             elif truth is not None:
                 scene.compare_arrays(result, path, truth)
                 path.unlink()
+
+
+def sensible(variants: tuple[str, ...], triangles: int) -> list[str]:
+    """Those that may be anybody's best on so many triangles, and one of those that are not."""
+    slow = [variant for variant in variants if variant.startswith(_SLOW_BUILDER)]
+    out = slow[1:] if triangles > _MOST_FOR_SLOW else []
+    return [variant for variant in variants if variant not in out]
 
 
 def attempt(result: Result, work: Callable[[], None]) -> None:

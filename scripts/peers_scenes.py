@@ -40,8 +40,9 @@ class Named:
         Path within the folder, or a built-in name.
     frames : str
         Path of the positions of all frames, (K, V, 3) float32; empty for a scene that stands still.
-    eye, target : tuple of float
-        The view; by default that of the file beside the scene, or else of the whole scene.
+    eye, target, light : tuple of float
+        The view, by default that of the file beside the scene, or else of the whole scene; and where the
+        light stands.
     shuffled : bool
         Whether the order of the triangles is drawn by lot.
     """
@@ -50,6 +51,7 @@ class Named:
     frames: str = ""
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
+    light: tuple[float, float, float] | None = None
     shuffled: bool = False
 
 
@@ -61,7 +63,9 @@ SCENES = {
     "terrain": Named("terrain/terrain_st_helens.ply"),
     "dragon": Named("scans/dragon_vrip.ply.gz"),
     "dragon-shuffled": Named("scans/dragon_vrip.ply.gz", shuffled=True),
-    "sponza": Named("arch/sponza_dabrovic.glb", eye=(-11.0, 2.5, 0.0), target=(5.0, 5.0, 0.0)),
+    "sponza": Named(
+        "arch/sponza_dabrovic.glb", eye=(-11.0, 2.5, 0.0), target=(5.0, 5.0, 0.0), light=(2.0, 11.0, 1.0)
+    ),
     "kitchen": Named("arch/country_kitchen.glb.gz"),
     "whiteroom": Named("arch/white_room.glb.gz"),
     "large-terrain": Named("terrain:1340"),
@@ -231,16 +235,16 @@ def prepare(name: str, folder: Path, size: int, rays: int) -> Shot:
     else:
         camera = camera_of(scene, path, 1.0)
     label = name if name in SCENES else scene.name
-    shot = Shot(label, folder, vertices, faces, _view(camera, vertices), size, rays, frames)
+    shot = Shot(label, folder, vertices, faces, _view(camera, vertices, named.light), size, rays, frames)
     shot.save()
     return shot
 
 
-def _view(camera: Camera, vertices: Floats) -> View:
+def _view(camera: Camera, vertices: Floats, light_at: tuple[float, float, float] | None) -> View:
     """The camera with numbers that all peers can hold, and a light that suits it.
 
-    The light stands beyond the highest corner; for an eye within the bounds, near the eye, or the walls would
-    shut it out.
+    Unless it is given, the light stands beyond the highest corner; for an eye within the bounds, near the
+    eye, or the walls would shut it out.
     """
     low, high = (corner.astype(np.float64) for corner in (vertices.min(axis=0), vertices.max(axis=0)))
     side = float((high - low).max())
@@ -249,5 +253,7 @@ def _view(camera: Camera, vertices: Floats) -> View:
     light = high + _LIGHT * side
     if (camera.eye > low).all() and (camera.eye < high).all():
         light = camera.eye + _LIGHT_INSIDE * side * np.sqrt(0.5) * (camera.right + camera.up)
+    if light_at is not None:
+        light = np.asarray(light_at, np.float64)
     rounded = [[float(np.float32(x)) for x in each] for each in (camera.eye, target, camera.up, light)]
     return View(rounded[0], rounded[1], rounded[2], float(np.float32(camera.fov)), rounded[3])
