@@ -60,7 +60,7 @@ SCENES = {
     "horse": Named("scans/horse.ply"),
     "lucy": Named("scans/lucy_100k.ply"),
     "rangemap": Named("scans/rangemap_face000.ply"),
-    "terrain": Named("terrain/terrain_st_helens.ply"),
+    "terrain": Named("scans/terrain_st_helens.ply"),
     "dragon": Named("scans/dragon_vrip.ply.gz"),
     "dragon-shuffled": Named("scans/dragon_vrip.ply.gz", shuffled=True),
     "sponza": Named(
