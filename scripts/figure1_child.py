@@ -30,8 +30,8 @@ def run_clgrid(
     """
     # `-m` looks in the current folder first: it has to be the one of the clgrid imported here.
     home = Path(clgrid.__file__).resolve().parent.parent
-    limits = {} if threads is None else _thread_limits(threads)
-    with _pinned(threads):
+    limits = {} if threads is None else thread_limits(threads)
+    with pinned(threads):
         return subprocess.run(
             [sys.executable, "-m", "clgrid", *arguments],
             cwd=home,
@@ -53,7 +53,7 @@ def last_words(done: subprocess.CompletedProcess[str]) -> str:
 
 
 @contextmanager
-def _pinned(threads: int | None) -> Iterator[None]:
+def pinned(threads: int | None) -> Iterator[None]:
     """Let processes started here inherit the first ``threads`` processors only."""
     allowed = processors()
     if not allowed or threads is None:
@@ -67,6 +67,6 @@ def _pinned(threads: int | None) -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-def _thread_limits(threads: int) -> dict[str, str]:
+def thread_limits(threads: int) -> dict[str, str]:
     """PoCL, old and new, counts processors instead of asking which it may use."""
     return {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_CPU_MAX_CU_COUNT": str(threads)}
