@@ -136,8 +136,8 @@ bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, ME
             return true;
     }
 #else
-    return walk_cells(ray, projection, first_cell(&walk, grid), walk.next, -1, walk.stop, GRID_ARGUMENTS, MESH_ARGUMENTS,
-                      &walk, hit);
+    return walk_cells(ray, projection, first_cell(&walk, grid), walk.next, -1, walk.stop, GRID_ARGUMENTS,
+                      MESH_ARGUMENTS, &walk, hit);
 #endif
 }
 

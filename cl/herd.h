@@ -1,6 +1,6 @@
-// Rays of a work-item walk the grid in turns, so that each waits for memory while the others work: what a turn reads was
-// asked for by the step before it. Rays without order would do little but wait. The cells that a ray looks at and
-// the triangles that it tests are those of walk_grid.
+// Rays of a work-item walk the grid in turns, so that each waits for memory while the others work: what a
+// turn reads was asked for by the step before it. Rays without order would do little but wait. The cells that
+// a ray looks at and the triangles that it tests are those of walk_grid.
 //   HERD    rays under way at once
 //   PATH    cells whose lists are asked for at once
 #ifndef CLG_HERD_H

@@ -83,8 +83,10 @@ void ask_for_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
 #if defined(LAYOUT_HASHED)
     const ulong row = domain[cell >> ROW_SHIFT];
     const uint x = cell & (ROW_CELLS - 1);
-    if (row >> x & 1ul)
-        ask_for(table + table_starts[cell >> grid->slab_shift] + (ushort)(offsets[cell >> ROW_SHIFT] + SLOT_IN_ROW(row, x)));
+    if (row >> x & 1ul) {
+        const uint within = (ushort)(offsets[cell >> ROW_SHIFT] + SLOT_IN_ROW(row, x));
+        ask_for(table + table_starts[cell >> grid->slab_shift] + within);
+    }
 #elif defined(LAYOUT_LINKED_LIST)
     ask_for(heads + cell);
 #elif defined(LAYOUT_DYNAMIC_ARRAY)
