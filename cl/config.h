@@ -62,9 +62,6 @@ typedef uint ref_index;
 // A ray from farther away is moved to where it enters the cube [-ENTRY_CUBE, ENTRY_CUBE].
 #define ENTRY_CUBE 1.5
 
-// A ray that climbs an axis less is taken to be parallel by the walk, though not by the tests of triangles.
-#define SMALLEST_CLIMB 0x1p-900
-
 // `exact`: an origin farther away than this is beyond what the walk can follow; all triangles are tested.
 #define FARTHEST_ORIGIN 0x1p+45
 

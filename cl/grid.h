@@ -12,17 +12,6 @@
 #include "leap.h"
 #endif
 
-// One step of the walk. False: the ray is out of the grid, or past `stop`. With SKIP_EMPTY it tells whether
-// the step led into another brick.
-bool walk_on(Axis *axis, int resolution, double stop, uint *cell, bool *entered)
-{
-    const bool inside = axis->t_next <= stop && step(axis, cell);
-#ifdef SKIP_EMPTY
-    *entered = enters_brick(axis, resolution);
-#endif
-    return inside;
-}
-
 #ifdef RUNG_EXACT
 // Tests every triangle: for a ray that the walk cannot follow, or that lies in so many triangles, each in so many
 // cells, that this is less work.
@@ -39,102 +28,117 @@ void test_all(const Ray *ray, const Projection *projection, __constant const Gri
 }
 #endif
 
-// Walks the grid for `hit`: no_hit(), or bound_of() the nearest so far: what is not nearer than that is no
-// hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid"). False: that
-// had better be done.
-bool walk(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
+// Local t that a hit's own may exceed and yet be reported as near: where t counts from afar, reported t may be equal
+// though local ones are not.
+double slack_of(const Ray *ray)
 {
-    Axis x, y, z;
-    double t_in = first_t(ray), t_out = last_t(ray);
-    const double ox = ray->origin[0], oy = ray->origin[1], oz = ray->origin[2];
-    const double dx = climb_rate(ray->direction[0]), dy = climb_rate(ray->direction[1]);
-    const double dz = climb_rate(ray->direction[2]);
-    const int mx = (int)grid->resolution[0], my = (int)grid->resolution[1], mz = (int)grid->resolution[2];
-    if (!enter_slab(&x, ox, dx, grid->lower[0], grid->upper[0], grid->cell_size[0], mx, &t_in, &t_out)
-        || !enter_slab(&y, oy, dy, grid->lower[1], grid->upper[1], grid->cell_size[1], my, &t_in, &t_out)
-        || !enter_slab(&z, oz, dz, grid->lower[2], grid->upper[2], grid->cell_size[2], mz, &t_in, &t_out)
-        || t_in > t_out)
-        return true;
+    return T_SLACK + 0x1p-51 * fabs(ray->t_entry);
+}
 
-    const int ix = start_cell(&x, ox, dx, grid->lower[0], grid->cell_size[0], mx, t_in);
-    const int iy = start_cell(&y, oy, dy, grid->lower[1], grid->cell_size[1], my, t_in);
-    const int iz = start_cell(&z, oz, dz, grid->lower[2], grid->cell_size[2], mz, t_in);
-    uint cell = ((uint)iz * (uint)my + (uint)iy) * (uint)mx + (uint)ix;
-    x.stride = dx < 0.0 ? -1 : 1;
-    y.stride = dy < 0.0 ? -mx : mx;
-    z.stride = dz < 0.0 ? -mx * my : mx * my;
-
-    double stop = t_out;  // no hit beyond it can win
-    // Where t counts from afar, reported t may be equal though local ones are not.
-    const double slack = T_SLACK + 0x1p-51 * fabs(ray->t_entry);
+// Enters the grid for `hit`: no_hit(), or bound_of() the nearest so far. False: no hit matters.
+bool begin_walk(const Ray *ray, const Hit *hit, __constant const GridParams *grid, Walk *walk)
+{
+    double t_last = last_t(ray);  // no hit beyond it can win
 #ifdef PARTS
-    stop = fmin(stop, (double)hit->meeting.t + slack);
+    t_last = fmin(t_last, (double)hit->meeting.t + slack_of(ray));
 #endif
-    bool entered = true, full = true;  // the cell's brick was just entered; may hold references
+    return enter_grid(ray, grid, first_t(ray), t_last, walk);
+}
+
+// Before a cell's triangles are tested: which of their crossings are counted there, from its tick to the next one's.
+void set_cell(const Walk *walk, long entered, long left, Hit *hit)
+{
 #ifdef QUERY_EACH
-    double crossed = -INFINITY;  // where the ray entered the cell
+    hit->from = entered < 0 ? -INFINITY : t_of_tick(walk, entered);
+    hit->to = t_of_tick(walk, left);
 #endif
+}
+
+// After some were tested: shortens the walk. False: testing all triangles is less work than to go on.
+bool go_on(const Ray *ray, __constant const GridParams *grid, const Hit *hit, Walk *walk)
+{
+#ifdef QUERY_ANY
+    walk->stop = settled(hit) ? -1 : walk->stop;
+#elif !defined(QUERY_EACH)
+    // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
+    const long bound = tick_after(walk, (double)hit->meeting.t + slack_of(ray));
+    walk->stop = bound < walk->stop ? bound : walk->stop;
+#endif
+#ifdef RUNG_EXACT
+    return hit->decisions <= MOST_DECISIONS(grid->triangle_count);
+#else
+    return true;
+#endif
+}
+
+// Walks from cell to cell, from tick `entered` until `end` or nothing matters any more. False: as go_on.
+bool walk_cells(const Ray *ray, const Projection *projection, uint cell, Ticks ahead, long entered, long end,
+                GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
+{
+    const long row = grid->resolution[0], layer = row * grid->resolution[1];
+    const long x = walk->up_x ? 1 : -1, y = walk->up_y ? row : -row, z = walk->up_z ? layer : -layer;
     for (;;) {
+        const long due = least_tick(&ahead);
 #ifdef COUNT_STEPS
-        hit->steps += entered || full ? 1 : 0;
+        ++hit->steps;
 #endif
-#ifdef SKIP_EMPTY
-        if (entered) {
-            const int distance = brick_distance(grid, distances, &x, &y, &z);
-            full = distance == 0;
-            if (distance > 1) {
-                double left_at;
-                if (!leap(grid, ray, distance, stop, &x, &y, &z, &cell, &left_at))
-                    break;
-#ifdef QUERY_EACH
-                crossed = left_at;
-#endif
-                continue;
-            }
-        }
-#endif
-#ifdef QUERY_EACH
-        const double leaves = fmin(fmin(x.t_next, y.t_next), z.t_next);
-#endif
-        List list = {0, 0};
-        if (full)
-            list = find_list(cell, grid, LIST_ARGUMENTS);
+        List list = find_list(cell, grid, LIST_ARGUMENTS);
         if (list.count != 0) {
-#ifdef QUERY_EACH
-            hit->from = crossed;
-            hit->to = leaves;
-#endif
+            set_cell(walk, entered, due, hit);
             while (list.count != 0) {
                 uint ids[8];
                 const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
                 keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
             }
-            if (settled(hit))
-                break;
-#ifdef RUNG_EXACT
-            if (hit->decisions > MOST_DECISIONS(grid->triangle_count))
+            if (!go_on(ray, grid, hit, walk))
                 return false;
-#endif
-#ifndef QUERY_EACH
-            // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
-            const double bound = (double)hit->meeting.t + slack;
-            stop = bound < stop ? bound : stop;
-#endif
         }
-        bool inside;
-#ifdef QUERY_EACH
-        crossed = leaves;
-#endif
-        if (x.t_next < y.t_next ? x.t_next < z.t_next : false)
-            inside = walk_on(&x, mx, stop, &cell, &entered);
-        else if (y.t_next < z.t_next)
-            inside = walk_on(&y, my, stop, &cell, &entered);
-        else
-            inside = walk_on(&z, mz, stop, &cell, &entered);
-        if (!inside)
-            break;
+        if (due >= end || due >= walk->stop)
+            return true;
+        entered = due;
+        cell += (uint)step_over(&ahead, &walk->pace, x, y, z);
     }
-    return true;
+}
+
+uint first_cell(const Walk *walk, __constant const GridParams *grid)
+{
+    return ((uint)walk->cell.z * grid->resolution[1] + (uint)walk->cell.y) * grid->resolution[0] + (uint)walk->cell.x;
+}
+
+// Walks the grid for `hit`: no_hit(), or bound_of() the nearest so far: what is not nearer than that is no
+// hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid"). False: that
+// had better be done.
+bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
+{
+    Walk walk;
+    if (!begin_walk(ray, hit, grid, &walk))
+        return true;
+#ifdef SKIP_EMPTY
+    Bricks bricks = bricks_of(&walk, grid);
+    long entered = -1;
+    for (;;) {
+        const long due = least_tick(&bricks.next);
+        const uint distance = distances[brick_number(&bricks)];
+        if (distance == 0) {
+            Ticks ahead;
+            const uint cell = enter_brick(&bricks, &walk, grid, max(entered, 0L), &ahead);
+            if (!walk_cells(ray, projection, cell, ahead, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, &walk, hit))
+                return false;
+            leave_brick(&bricks, &walk);
+            entered = due;
+        } else {
+#ifdef COUNT_STEPS
+            ++hit->steps;
+#endif
+            entered = leave_empty(&bricks, &walk, distance, due);
+        }
+        if (entered >= walk.stop)
+            return true;
+    }
+#else
+    return walk_cells(ray, projection, first_cell(&walk, grid), walk.next, -1, walk.stop, GRID_ARGUMENTS,
+                      MESH_ARGUMENTS, &walk, hit);
+#endif
 }
 
 // What the query asks for of the triangles that the ray meets.
@@ -144,10 +148,10 @@ Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
         return hit;
     const Projection projection = projection_of(ray);
 #ifdef RUNG_EXACT
-    if (ray->astray || !walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit))
+    if (ray->astray || !walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit))
         test_all(ray, &projection, grid, MESH_ARGUMENTS, &hit);
 #else
-    walk(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
+    walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
 #endif
     describe_hit(ray, &projection, MESH_ARGUMENTS, &hit);
     return hit;

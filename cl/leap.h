@@ -1,101 +1,82 @@
-// Empty-space skipping (Cohen & Sheffer 1994): a byte for each brick of BRICK^3 cells says how many bricks away
-// the nearest reference is. From 2 on, a ray leaves at once the cube of bricks that the distance says to
-// be empty, in the very cell that single steps reach; at 1, it steps out of the brick without a look at
-// its cells, which costs less than such a leap.
+// Empty-space skipping: a byte for each brick of BRICK^3 cells says how many bricks away the nearest reference is.
+// The ray walks from brick to brick, and by cells only where that is 0; both walks are the same to the tick.
 #ifndef CLG_LEAP_H
 #define CLG_LEAP_H
 #include "walk.h"
 
-// The axis' cell in the grid's order.
-uint coordinate(const Axis *axis, int resolution)
+typedef struct {
+    Ticks next;        // when the ray leaves the brick across each axis
+    long place;        // the brick's first cell * 2^32 + the brick's number
+    long x, y, z;      // what a step across each axis adds to that
+} Bricks;
+
+// Planes between the cell and the end of its brick, as if every brick were whole.
+long planes_ahead(int cell, bool up)
 {
-    return (uint)(axis->stride < 0 ? axis->left : resolution - 1 - axis->left);
+    const int within = cell & ((int)BRICK - 1);
+    return up ? (int)BRICK - 1 - within : within;
 }
 
-// Planes still ahead inside the cell's brick, as if every brick were whole.
-int ahead_in_brick(const Axis *axis, int resolution)
+Bricks bricks_of(const Walk *walk, __constant const GridParams *grid)
 {
-    return (axis->left - (axis->stride < 0 ? 0 : resolution)) & ((int)BRICK - 1);
+    const long mx = grid->resolution[0], my = grid->resolution[1];
+    const long across = (mx + BRICK - 1) / BRICK, deep = (my + BRICK - 1) / BRICK;
+    const long x = ((long)BRICK << 32) + 1;
+    const long y = (BRICK * mx << 32) + across;
+    const long z = (BRICK * mx * my << 32) + across * deep;
+    Bricks b;
+    b.next.x = walk->next.x + walk->pace.x * planes_ahead(walk->cell.x, walk->up_x);
+    b.next.y = walk->next.y + walk->pace.y * planes_ahead(walk->cell.y, walk->up_y);
+    b.next.z = walk->next.z + walk->pace.z * planes_ahead(walk->cell.z, walk->up_z);
+    b.place = walk->cell.x / (int)BRICK * x + walk->cell.y / (int)BRICK * y + walk->cell.z / (int)BRICK * z;
+    b.x = walk->up_x ? x : -x;
+    b.y = walk->up_y ? y : -y;
+    b.z = walk->up_z ? z : -z;
+    return b;
 }
 
-// Whether the last step across this axis led into another brick.
-bool enters_brick(const Axis *axis, int resolution)
+uint brick_number(const Bricks *b)
 {
-    return ahead_in_brick(axis, resolution) == (int)BRICK - 1;
+    return (uint)b->place;
 }
 
-// Planes still ahead inside the cube of empty bricks around the cell's own: none within `distance` - 1 of
-// that on any side holds a reference.
-int ahead_in_cube(const Axis *axis, int resolution, int distance)
+// Into the next brick.
+void leave_brick(Bricks *b, const Walk *walk)
 {
-    const int ahead = ahead_in_brick(axis, resolution) + (int)BRICK * (distance - 1);
-    return ahead < axis->left ? ahead : axis->left;
+    const Ticks pace = {walk->pace.x * (long)BRICK, walk->pace.y * (long)BRICK, walk->pace.z * (long)BRICK};
+    b->place += step_over(&b->next, &pace, b->x, b->y, b->z);
 }
 
-void climb(Axis *axis, int planes, uint *cell)
+// Leaves an empty brick at `distance` of the nearest full one, at tick `due`, and those that it tells to be empty: all
+// within so many steps, less one. The tick at which the next brick is entered.
+long leave_empty(Bricks *b, const Walk *walk, uint distance, long due)
 {
-    axis->left -= planes;
-    *cell += (uint)(planes * axis->stride);
-    axis->planes += (double)planes;
-    axis->t_next = crossing(axis, axis->planes);
+    leave_brick(b, walk);
+    for (; distance > 1 && due < walk->stop; --distance) {
+        due = least_tick(&b->next);
+        leave_brick(b, walk);
+    }
+    return due;
 }
 
-// Crosses every plane up to t, `ahead` at most: the same crossings that single steps compare.
-void climb_up_to(Axis *axis, double t, double planes_per_t, int ahead, uint *cell)
+// Of the three planes inside the brick, those that are crossed after `tick`.
+int planes_after(long tick, long leaves, long pace)
 {
-    if (!(axis->t_next <= t))
-        return;
-    int planes = clamp((int)((t - axis->t_next) * planes_per_t) + 1, 0, ahead);
-    while (planes > 0 && crossing(axis, axis->planes + (double)(planes - 1)) > t)
-        --planes;
-    while (planes < ahead && crossing(axis, axis->planes + (double)planes) <= t)
-        ++planes;
-    climb(axis, planes, cell);
+    return (leaves - pace > tick ? 1 : 0) + (leaves - 2 * pace > tick ? 1 : 0) + (leaves - 3 * pace > tick ? 1 : 0);
 }
 
-// Across axis a out of the cube, at t; b and c follow.
-bool leave_cube(Axis *a, int ahead_a, double t, double stop, Axis *b, int ahead_b, double b_per_t, Axis *c,
-                int ahead_c, double c_per_t, uint *cell)
+// The cell of the brick in which the ray is at `tick`, and when it crosses its planes.
+uint enter_brick(const Bricks *b, const Walk *walk, __constant const GridParams *grid, long tick, Ticks *next)
 {
-    if (t > stop || ahead_a == a->left)
-        return false;
-    climb(a, ahead_a + 1, cell);
-    climb_up_to(b, t, b_per_t, ahead_b, cell);
-    climb_up_to(c, t, c_per_t, ahead_c, cell);
-    return true;
-}
-
-// Leaves the empty cube around the cell's brick, at t `left_at`. False: by then the ray is out of the grid,
-// or past `stop`.
-bool leap(__constant const GridParams *grid, const Ray *ray, int distance, double stop, Axis *x, Axis *y, Axis *z,
-          uint *cell, double *left_at)
-{
-    const int ax = ahead_in_cube(x, (int)grid->resolution[0], distance);
-    const int ay = ahead_in_cube(y, (int)grid->resolution[1], distance);
-    const int az = ahead_in_cube(z, (int)grid->resolution[2], distance);
-    const double tx = crossing(x, x->planes + (double)ax);
-    const double ty = crossing(y, y->planes + (double)ay);
-    const double tz = crossing(z, z->planes + (double)az);
-    const double x_per_t = fabs(ray->direction[0]) * grid->cells_per_unit[0];
-    const double y_per_t = fabs(ray->direction[1]) * grid->cells_per_unit[1];
-    const double z_per_t = fabs(ray->direction[2]) * grid->cells_per_unit[2];
-    *left_at = fmin(fmin(tx, ty), tz);
-    if (tx < ty ? tx < tz : false)
-        return leave_cube(x, ax, tx, stop, y, ay, y_per_t, z, az, z_per_t, cell);
-    if (ty < tz)
-        return leave_cube(y, ay, ty, stop, x, ax, x_per_t, z, az, z_per_t, cell);
-    return leave_cube(z, az, tz, stop, x, ax, x_per_t, y, ay, y_per_t, cell);
-}
-
-// Distance of the brick that holds the cell.
-int brick_distance(__constant const GridParams *grid, __global const uchar *distances, const Axis *x, const Axis *y,
-                   const Axis *z)
-{
-    const uint mx = grid->resolution[0], my = grid->resolution[1], mz = grid->resolution[2];
-    const uint across = (mx + BRICK - 1) / BRICK, deep = (my + BRICK - 1) / BRICK;
-    const uint bx = coordinate(x, (int)mx) / BRICK, by = coordinate(y, (int)my) / BRICK;
-    const uint bz = coordinate(z, (int)mz) / BRICK;
-    return (int)distances[((size_t)bz * deep + by) * across + bx];
+    const int x = planes_after(tick, b->next.x, walk->pace.x);
+    const int y = planes_after(tick, b->next.y, walk->pace.y);
+    const int z = planes_after(tick, b->next.z, walk->pace.z);
+    next->x = b->next.x - x * walk->pace.x;
+    next->y = b->next.y - y * walk->pace.y;
+    next->z = b->next.z - z * walk->pace.z;
+    const uint last = BRICK - 1;
+    return (uint)(b->place >> 32) + (walk->up_x ? last - x : x)
+           + ((walk->up_y ? last - y : y) + (walk->up_z ? last - z : z) * grid->resolution[1]) * grid->resolution[0];
 }
 
 #endif

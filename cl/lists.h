@@ -67,6 +67,53 @@ List find_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
     return list;
 }
 
+// Asks for a cache line before it is needed.
+void ask_for(__global const void *at)
+{
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+    __builtin_prefetch((const void *)(size_t)at, 0, 3);
+#endif
+#endif
+}
+
+// Asks for what find_list reads.
+void ask_for_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
+{
+#if defined(LAYOUT_HASHED)
+    const ulong row = domain[cell >> ROW_SHIFT];
+    const uint x = cell & (ROW_CELLS - 1);
+    if (row >> x & 1ul) {
+        const uint within = (ushort)(offsets[cell >> ROW_SHIFT] + SLOT_IN_ROW(row, x));
+        ask_for(table + table_starts[cell >> grid->slab_shift] + within);
+    }
+#elif defined(LAYOUT_LINKED_LIST)
+    ask_for(heads + cell);
+#elif defined(LAYOUT_DYNAMIC_ARRAY)
+    ask_for(sizes + cell);
+    ask_for(pointers + cell);
+#else
+    ask_for(cells + cell);
+#endif
+}
+
+// Asks for what take_ids reads, of a list that is not empty.
+void ask_for_ids(const List *list, LIST_PARAMETERS)
+{
+#if defined(LAYOUT_LINKED_LIST)
+    ask_for(triangles + list->begin);
+    ask_for(next + list->begin);
+#else
+#ifdef LAYOUT_DYNAMIC_ARRAY
+    __global const uint *entries = pool + list->begin;
+#else
+    __global const uint *entries = references + list->begin;
+#endif
+    ask_for(entries);
+    ask_for(entries + min(list->count, 8u) - 1);
+#endif
+}
+
 // Whether none of `count` consecutive cells, a brick's row of them at most, has a list.
 bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_PARAMETERS)
 {

@@ -1,9 +1,9 @@
 // Tiles of up to 64 rays, cast together where they keep together: the triangles of the cells that any of them
-// may pass are brought in once for all (slices.h). Rays that spread too far go one by one (grid.h). What is kept of
+// may pass are brought in once for all (slices.h). Rays that spread too far go each its own way (herd.h). What is kept of
 // a triangle is the same either way (triangle.h), and so are the bits of all hits.
 #ifndef CLG_TILE_H
 #define CLG_TILE_H
-#include "grid.h"
+#include "herd.h"
 #include "tile_rays.h"
 #ifndef ALONE
 #include "slices.h"
@@ -14,10 +14,23 @@
 
 void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 {
-    for (; members != 0; members &= members - 1) {
-        const uint k = lowest_of_64(members);
-        const Ray ray = ray_of(tile, k);
-        set_hit(tile, k, traverse(&ray, hit_of(tile, k), GRID_ARGUMENTS, MESH_ARGUMENTS));
+    Walker herd[HERD];
+    uint count = 0;
+    while (count != 0 || members != 0) {
+        for (; count < HERD && members != 0; members &= members - 1) {
+            const uint k = lowest_of_64(members);
+            const Ray ray = ray_of(tile, k);
+            set_out(herd + count++, k, &ray, hit_of(tile, k), grid);
+        }
+        take_turns(herd, count, GRID_ARGUMENTS, MESH_ARGUMENTS);
+        for (uint k = 0; k < count;) {
+            if (herd[k].over) {
+                set_hit(tile, herd[k].number, outcome(herd + k, GRID_ARGUMENTS, MESH_ARGUMENTS));
+                count = dismiss(herd, k, count);
+            } else {
+                ++k;
+            }
+        }
     }
 }
 
