@@ -121,42 +121,82 @@ int slice_at(__constant const GridParams *grid, int axis, float depth, float pad
     return clamp((int)(cell_at(grid, axis, depth) + pad), 0, (int)grid->resolution[axis] - 1);
 }
 
+// Cells that the bundle's bounds overlap between two depths. False: none in the grid.
+bool cells_between(const Bundle *bundle, __constant const GridParams *grid, float near, float far, int *first, int *last)
+{
+    const Beam *beam = &bundle->beam;
+    for (int i = 0; i < 2; ++i) {
+        const int axis = i ? bundle->kv : bundle->ku, highest = (int)grid->resolution[axis] - 1;
+        const float low_at = beam->at[2 * i], low_slope = beam->slope[2 * i];
+        const float high_at = beam->at[2 * i + 1], high_slope = beam->slope[2 * i + 1];
+        const float low = min(low_at + low_slope * near, low_at + low_slope * far);
+        const float high = max(high_at + high_slope * near, high_at + high_slope * far);
+        const float least = cell_at(grid, axis, low - BEAM_PAD), greatest = cell_at(grid, axis, high + BEAM_PAD);
+        if (!(greatest >= 0.0f && least < (float)(highest + 1)))
+            return false;
+        first[axis] = (int)max(least, 0.0f);
+        last[axis] = (int)min(greatest, (float)highest);
+    }
+    return true;
+}
+
+#ifdef SKIP_EMPTY
+// Whether the bricks are empty that the bundle may pass in a layer of them, across the major axis.
+bool layer_is_empty(const Bundle *bundle, int layer, __constant const GridParams *grid, __global const uchar *distances)
+{
+    const int kd = bundle->kd;
+    const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
+    int first[3], last[3];
+    if (!cells_between(bundle, grid, lower + (float)(layer * (int)BRICK) * cell,
+                       lower + (float)((layer + 1) * (int)BRICK) * cell, first, last))
+        return true;
+    first[kd] = last[kd] = layer * (int)BRICK;
+    const uint across = (grid->resolution[0] + BRICK - 1) / BRICK, deep = (grid->resolution[1] + BRICK - 1) / BRICK;
+    for (uint z = (uint)first[2] / BRICK; z <= (uint)last[2] / BRICK; ++z)
+        for (uint y = (uint)first[1] / BRICK; y <= (uint)last[1] / BRICK; ++y)
+            for (uint x = (uint)first[0] / BRICK; x <= (uint)last[0] / BRICK; ++x)
+                if (distances[((size_t)z * deep + y) * across + x] == 0)
+                    return false;
+    return true;
+}
+#endif
+
 // Casts the rays of the bundle. False: they go one by one.
 bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
 {
-    const int ku = bundle->ku, kv = bundle->kv, kd = bundle->kd;
+    const int kd = bundle->kd;
     if (!clip_depths(bundle, grid))
         return true;
     if (!keeps_together(bundle, grid))
         return false;
-    const int mu = (int)grid->resolution[ku], mv = (int)grid->resolution[kv];
     const bool climbs = bundle->side > 0.0f;
     const int way = climbs ? 1 : -1;
     const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
     const float pad = (float)way * 0x1p-6f;
     const int end = slice_at(grid, kd, climbs ? bundle->to : bundle->from, pad);
-    const Beam beam = bundle->beam;
     Waiting waiting;
     for (uint i = 0; i < REMEMBERED; i += LANES)
         vstore8((uint8)(NO_HIT), 0, waiting.seen + i);
+#ifdef SKIP_EMPTY
+    int layer = -1;
+    bool empty = false;
+#endif
     for (int slice = slice_at(grid, kd, climbs ? bundle->from : bundle->to, -pad);; slice += way) {
         const float near = lower + (float)(climbs ? slice : slice + 1) * cell;
         const float far = lower + (float)(climbs ? slice + 1 : slice) * cell;
         const uint alive = groups_alive(bundle, near);
         if (alive == 0)
             break;
-        const float u0 = min(beam.at[0] + beam.slope[0] * near, beam.at[0] + beam.slope[0] * far);
-        const float u1 = max(beam.at[1] + beam.slope[1] * near, beam.at[1] + beam.slope[1] * far);
-        const float v0 = min(beam.at[2] + beam.slope[2] * near, beam.at[2] + beam.slope[2] * far);
-        const float v1 = max(beam.at[3] + beam.slope[3] * near, beam.at[3] + beam.slope[3] * far);
-        const float least_u = cell_at(grid, ku, u0 - BEAM_PAD), greatest_u = cell_at(grid, ku, u1 + BEAM_PAD);
-        const float least_v = cell_at(grid, kv, v0 - BEAM_PAD), greatest_v = cell_at(grid, kv, v1 + BEAM_PAD);
-        if (greatest_u >= 0.0f && greatest_v >= 0.0f && least_u < (float)mu && least_v < (float)mv) {
-            int first[3], last[3];
-            first[ku] = (int)max(least_u, 0.0f);
-            last[ku] = (int)min(greatest_u, (float)(mu - 1));
-            first[kv] = (int)max(least_v, 0.0f);
-            last[kv] = (int)min(greatest_v, (float)(mv - 1));
+        int first[3], last[3];
+        bool passed = cells_between(bundle, grid, near, far, first, last);
+#ifdef SKIP_EMPTY
+        if (layer != slice / (int)BRICK) {
+            layer = slice / (int)BRICK;
+            empty = layer_is_empty(bundle, layer, grid, distances);
+        }
+        passed = passed && !empty;
+#endif
+        if (passed) {
             first[kd] = last[kd] = slice;
             uint count = 0;
             for (int z = first[2]; z <= last[2]; ++z)

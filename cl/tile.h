@@ -1,9 +1,13 @@
 // Tiles of up to 64 rays, cast together where they keep together: the triangles of the cells that any of them
-// may pass are brought in once for all (slices.h). Rays that spread too far go each its own way (herd.h). What is kept of
-// a triangle is the same either way (triangle.h), and so are the bits of all hits.
+// may pass are brought in once for all (slices.h). Rays that spread too far go each its own way. What is kept of a
+// triangle is the same either way (triangle.h), and so are the bits of all hits.
+//   IN_TURNS   where they do, they take turns (herd.h): worth it for meshes that caches do not hold
 #ifndef CLG_TILE_H
 #define CLG_TILE_H
+#include "grid.h"
+#ifdef IN_TURNS
 #include "herd.h"
+#endif
 #include "tile_rays.h"
 #ifndef ALONE
 #include "slices.h"
@@ -12,6 +16,8 @@
 // Fewer rays of a major axis go one by one.
 #define FEWEST_TOGETHER 12
 
+// Casts rays of the tile each its own way.
+#ifdef IN_TURNS
 void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 {
     Walker herd[HERD];
@@ -33,6 +39,16 @@ void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
         }
     }
 }
+#else
+void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    for (; members != 0; members &= members - 1) {
+        const uint k = lowest_of_64(members);
+        const Ray ray = ray_of(tile, k);
+        set_hit(tile, k, traverse(&ray, hit_of(tile, k), GRID_ARGUMENTS, MESH_ARGUMENTS));
+    }
+}
+#endif
 
 // What the query asks for of the triangles that the tile's rays meet, but for weights and the like.
 void cast_tile(Tile *tile, GRID_PARAMETERS, MESH_PARAMETERS)

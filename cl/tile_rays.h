@@ -5,8 +5,8 @@
 #include "lanes.h"
 #include "triangle.h"
 
-#if defined(COUNT_STEPS) || defined(RUNG_FAST)
-// Each ray is cast alone: to be counted, or since the rung has packets of its own.
+#if defined(COUNT_STEPS) || defined(QUERY_EACH) || defined(RUNG_FAST)
+// Each ray is cast alone: its cells are counted, or crossings by cell, or the rung has packets of its own.
 #define ALONE
 #endif
 
@@ -35,10 +35,11 @@ void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4]
 #ifdef RUNG_EXACT
         tile->alone |= (ulong)ray->astray << (first + i);
         if (ray->reaches && !ray->astray)
+            tile->projections[first + i] = projection_of(ray);
 #else
         if (ray->reaches)
-#endif
             tile->projections[first + i] = projection_of(ray);
+#endif
     }
 }
 

@@ -25,6 +25,8 @@ NO_HIT = 0xFFFFFFFF
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
+# From so many triangles on, rays that go alone wait for memory, and had better take turns (cl/herd.h).
+_FEWEST_IN_TURNS = 1 << 19
 _MACROS = {"primitive_uvs": "WITH_UVS", "t_err": "WITH_T_ERR", "certain": "WITH_CERTAIN"}
 
 
@@ -131,6 +133,8 @@ def cast_in_tiles(
 ) -> int:
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
+    if target.mesh.triangle_count >= _FEWEST_IN_TURNS:
+        options = {**options, "IN_TURNS": 1}
     if division.row:
         launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
         return run(target, launch, division, rays, results)
@@ -232,7 +236,7 @@ def count_hits(
     """
     counts = np.zeros(len(rays.origins.reshape(-1, 3)), np.uint32)
     options: Defines = {"OPEN_START": 1} if open_start and target.rung.name == "exact" else {}
-    run(target, grid_launch("count_hits", target, parts, options), Division(), rays, [counts])
+    cast_in_tiles("count_hits", target, parts, options, rays, [counts])
     return counts.reshape(rays.origins.shape[:-1])
 
 
