@@ -9,6 +9,7 @@
 #include "camera.h"
 #include "shade.h"
 #include "tile.h"
+#include "weights.h"
 #ifdef PARTS
 #include "parts.h"
 #endif
@@ -80,60 +81,69 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         }
     tile.reach &= shown;
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
-    for (uint y = top; y < bottom; ++y) {
-        for (uint x = left; x < right; ++x) {
-            double view[3];
-            camera_direction(camera, x, first_row + y, view);
-            const size_t pixel = (size_t)y * camera->width + x;
+    for (uint y = top; y < bottom; ++y)
+        for (uint x = left; x < right; x += 4) {
             const uint k = number_in_tile(x - left, y - top);
-            const Hit hit = described_hit(&tile, k, MESH_ARGUMENTS);
-#if defined(AOV_DEPTH)
-            const Ray ray = ray_of(&tile, k);
-#endif
-#ifdef PARTS
-            __global real *bound = nearest + NEAREST_REALS * pixel;
-#endif
-#ifdef COUNT_STEPS
-            steps[pixel] += hit.steps;
-#endif
-#ifdef PARTS
-            if (!is_nearer(&hit, bound))
-                continue;
-            store_nearest(&hit, bound);
-#endif
-            float r = background_r, g = background_g, b = background_b, coverage = 0.0f;
-            double normal[3] = {0.0, 0.0, 0.0};
-            if (hit.id != NO_HIT) {
-                __global const uint *face = faces + 3 * (size_t)hit.id;
-                to_unit(view);
-                face_normal(vertices, face, view, normal);
+            const size_t pixel = (size_t)y * camera->width + x;
+            const uint4 found = ids_of_4(&tile, k);
+            const int4 missed = found == NO_HIT;
+            Vectors normal = {(double4)(0.0), (double4)(0.0), (double4)(0.0)};
+            float4 light = (float4)(0.0f);
+            if (!all(missed)) {
+                double views[3][4];
+                camera_directions(camera, x, first_row + y, views);
+                Vectors view = {vload4(0, views[0]), vload4(0, views[1]), vload4(0, views[2])};
+                to_unit(&view);
+                // Triangle 0 stands in where there is none.
+                const uint4 ids_or_0 = missed ? (uint4)(0) : found;
+                normal = face_normals(vertices, faces, ids_or_0, &view);
 #ifdef SMOOTH_NORMALS
-                smooth_normal(vertex_normals, face, &hit, normal);
+                const Weights weights = weights_of_4(&tile, k, ids_or_0, MESH_ARGUMENTS);
+                normal = smooth_normals(vertex_normals, faces, ids_or_0, weights.u, weights.v, normal);
 #endif
-                r = g = b = headlight(normal, view);
-                coverage = 1.0f;
+                light = headlights(&normal, &view);
             }
-            rgba[4 * pixel] = r;
-            rgba[4 * pixel + 1] = g;
-            rgba[4 * pixel + 2] = b;
-            rgba[4 * pixel + 3] = coverage;
+            float lights[4];
+            vstore4(light, 0, lights);
+#ifdef AOV_NORMAL
+            float x_of[4], y_of[4], z_of[4];
+            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.x), 0, x_of);
+            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.y), 0, y_of);
+            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.z), 0, z_of);
+#endif
+            for (uint i = 0; i < 4 && x + i < right; ++i) {
+                const Hit hit = hit_of(&tile, k + i);
+                const size_t at = pixel + i;
+#ifdef COUNT_STEPS
+                steps[at] += hit.steps;
+#endif
+#ifdef PARTS
+                __global real *bound = nearest + NEAREST_REALS * at;
+                if (!is_nearer(&hit, bound))
+                    continue;
+                store_nearest(&hit, bound);
+#endif
+                const bool lit = hit.id != NO_HIT;
+                vstore4(lit ? (float4)(lights[i], lights[i], lights[i], 1.0f)
+                            : (float4)(background_r, background_g, background_b, 0.0f), at, rgba);
 #ifdef AOV_DEPTH
-            depth[pixel] = hit.id == NO_HIT ? INFINITY : (float)reported_t(&ray, &hit.meeting);
+                const Ray ray = ray_of(&tile, k + i);
+                depth[at] = lit ? (float)reported_t(&ray, &hit.meeting) : INFINITY;
 #endif
 #ifdef WITH_T_ERR
-            t_errs[pixel] = hit.id == NO_HIT ? 0.0f : (float)(hit.t_err * (1.0 + 0x1p-22));  // not rounded down
+                const double t_err = described_hit(&tile, k + i, MESH_ARGUMENTS).t_err;
+                t_errs[at] = lit ? (float)(t_err * (1.0 + 0x1p-22)) : 0.0f;  // not rounded down
 #endif
 #ifdef AOV_NORMAL
-            for (int a = 0; a < 3; ++a)
-                normals[3 * pixel + a] = (float)normal[a];
+                vstore3((float3)(x_of[i], y_of[i], z_of[i]), at, normals);
 #endif
 #ifdef AOV_ID
 #ifdef PARTS
-            ids[pixel] = grid->first_triangle + hit.id;
+                ids[at] = grid->first_triangle + hit.id;
 #else
-            ids[pixel] = hit.id;
+                ids[at] = hit.id;
 #endif
 #endif
+            }
         }
-    }
 }

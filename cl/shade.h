@@ -1,88 +1,124 @@
-// The paper's plain shading: a headlight at the eye on a grey surface. Written out in float64 with
-// + - * / sqrt alone, which round alike everywhere, so that pictures are the same bits on all devices.
+// The paper's plain shading: a headlight at the eye on a grey surface; four pixels at a time. Written out in float64
+// with + - * / sqrt alone, which round alike everywhere, so that pictures are the same bits on all devices.
 #ifndef CLG_SHADE_H
 #define CLG_SHADE_H
+#include "gather.h"
 #include "light.h"
-#include "triangle.h"
 
-double dot3(const double *a, const double *b)
+typedef struct {
+    double4 x, y, z;
+} Vectors;
+
+double4 dot_of_4(const Vectors *a, const Vectors *b)
 {
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2];
+    return (a->x * b->x + a->y * b->y) + a->z * b->z;
 }
 
-// Scales v to length 1. False: v has no direction (zero, NaN, or beyond what a square can hold).
-bool to_unit(double *v)
+// Scales the vectors to length 1, but those without a direction (zero, NaN, or beyond what a square can hold). Gives
+// which were scaled.
+long4 to_unit(Vectors *v)
 {
-    const double square = dot3(v, v);
-    if (!(square > 0.0 && square < INFINITY))
-        return false;
-    const double length = sqrt(square);
-    for (int a = 0; a < 3; ++a)
-        v[a] = v[a] / length;
-    return true;
+    const double4 square = dot_of_4(v, v);
+    const long4 sound = (square > 0.0) & (square < INFINITY);
+    const double4 length = sound ? sqrt(square) : (double4)(1.0);
+    v->x = v->x / length;
+    v->y = v->y / length;
+    v->z = v->z / length;
+    return sound;
 }
 
-void flip(double *v)
+Vectors select_vectors(Vectors a, Vectors b, long4 second)
 {
-    for (int a = 0; a < 3; ++a)
-        v[a] = -v[a];
+    const Vectors chosen = {second ? b.x : a.x, second ? b.y : a.y, second ? b.z : a.z};
+    return chosen;
 }
 
-// Unit normal of the triangle on the viewer's side. The local frame keeps directions, so local
-// vertices will do. `view` is the unit direction of the ray.
-void face_normal(__global const float *vertices, __global const uint *face, const double *view, double *normal)
+Vectors minus(Vectors v)
 {
-    double e[3], f[3];
-    for (int a = 0; a < 3; ++a) {
-        const double corner = vertices[3 * (size_t)face[0] + a];
-        e[a] = (double)vertices[3 * (size_t)face[1] + a] - corner;
-        f[a] = (double)vertices[3 * (size_t)face[2] + a] - corner;
-    }
-    normal[0] = e[1] * f[2] - e[2] * f[1];
-    normal[1] = e[2] * f[0] - e[0] * f[2];
-    normal[2] = e[0] * f[1] - e[1] * f[0];
-    if (!to_unit(normal)) {
-        for (int a = 0; a < 3; ++a)
-            normal[a] = -view[a];
-    } else if (dot3(normal, view) > 0.0) {
-        flip(normal);
-    }
+    const Vectors opposite = {-v.x, -v.y, -v.z};
+    return opposite;
 }
 
-// Replaces the face normal by the one interpolated from the vertices, turned to the same side. A
-// vertex without a normal (a zero row) takes the face's.
-void smooth_normal(__global const float *vertex_normals, __global const uint *face, const Hit *hit, double *normal)
+Vectors transposed_4(float4 a, float4 b, float4 c, float4 d)
 {
-    const double weights[3] = {(1.0 - (double)hit->u) - (double)hit->v, hit->u, hit->v};
-    double sum[3] = {0.0, 0.0, 0.0};
-    double without = 0.0;
-    for (int k = 0; k < 3; ++k) {
-        double n[3];
-        for (int a = 0; a < 3; ++a)
-            n[a] = vertex_normals[3 * (size_t)face[k] + a];
-        if (to_unit(n)) {
-            for (int a = 0; a < 3; ++a)
-                sum[a] = sum[a] + weights[k] * n[a];
-        } else {
-            without = without + weights[k];
-        }
+    Vectors v;
+    v.x = convert_double4((float4)(a.x, b.x, c.x, d.x));
+    v.y = convert_double4((float4)(a.y, b.y, c.y, d.y));
+    v.z = convert_double4((float4)(a.z, b.z, c.z, d.z));
+    return v;
+}
+
+// Numbers of corner k of four triangles.
+uint4 corner_of_4(__global const uint *faces, uint4 ids, uint k)
+{
+    return (uint4)(faces[3 * (size_t)ids.x + k], faces[3 * (size_t)ids.y + k], faces[3 * (size_t)ids.z + k],
+                   faces[3 * (size_t)ids.w + k]);
+}
+
+// Corner k of four triangles.
+Vectors corners_of_4(__global const float *vertices, __global const uint *faces, uint4 ids, uint k)
+{
+    const uint4 n = corner_of_4(faces, ids, k);
+    return transposed_4(load_vertex(vertices, n.x), load_vertex(vertices, n.y), load_vertex(vertices, n.z),
+                        load_vertex(vertices, n.w));
+}
+
+float4 load_normal(__global const float *vertex_normals, uint k)
+{
+    return (float4)(vload3((size_t)k, vertex_normals), 0.0f);
+}
+
+// The normals of corner k of four triangles.
+Vectors normals_of_4(__global const float *vertex_normals, __global const uint *faces, uint4 ids, uint k)
+{
+    const uint4 n = corner_of_4(faces, ids, k);
+    return transposed_4(load_normal(vertex_normals, n.x), load_normal(vertex_normals, n.y),
+                        load_normal(vertex_normals, n.z), load_normal(vertex_normals, n.w));
+}
+
+// Unit normals of the triangles on the viewer's side. The local frame keeps directions, so local vertices will do.
+// `views` are the unit directions of the rays.
+Vectors face_normals(__global const float *vertices, __global const uint *faces, uint4 ids, const Vectors *views)
+{
+    const Vectors a = corners_of_4(vertices, faces, ids, 0);
+    const Vectors b = corners_of_4(vertices, faces, ids, 1);
+    const Vectors c = corners_of_4(vertices, faces, ids, 2);
+    const Vectors e = {b.x - a.x, b.y - a.y, b.z - a.z}, f = {c.x - a.x, c.y - a.y, c.z - a.z};
+    Vectors normal = {e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z, e.x * f.y - e.y * f.x};
+    const long4 sound = to_unit(&normal);
+    normal = select_vectors(normal, minus(normal), dot_of_4(&normal, views) > 0.0);
+    return select_vectors(minus(*views), normal, sound);
+}
+
+// The normals interpolated from the vertices by the weights u, v of the second and third, turned to the face's
+// side. A vertex without a normal (a zero row) takes the face's.
+Vectors smooth_normals(__global const float *vertex_normals, __global const uint *faces, uint4 ids, double4 u,
+                       double4 v, Vectors normal)
+{
+    const double4 weights[3] = {(1.0 - u) - v, u, v};
+    Vectors sum = {(double4)(0.0), (double4)(0.0), (double4)(0.0)};
+    double4 without = (double4)(0.0);
+    for (uint k = 0; k < 3; ++k) {
+        Vectors n = normals_of_4(vertex_normals, faces, ids, k);
+        const long4 sound = to_unit(&n);
+        const Vectors more = {sum.x + weights[k] * n.x, sum.y + weights[k] * n.y, sum.z + weights[k] * n.z};
+        sum = select_vectors(sum, more, sound);
+        without = sound ? without : without + weights[k];
     }
-    if (dot3(sum, normal) < 0.0)
-        flip(sum);
-    for (int a = 0; a < 3; ++a)
-        sum[a] = sum[a] + without * normal[a];
-    if (to_unit(sum)) {
-        for (int a = 0; a < 3; ++a)
-            normal[a] = sum[a];
-    }
+    sum = select_vectors(sum, minus(sum), dot_of_4(&sum, &normal) < 0.0);
+    sum.x = sum.x + without * normal.x;
+    sum.y = sum.y + without * normal.y;
+    sum.z = sum.z + without * normal.z;
+    const long4 sound = to_unit(&sum);
+    return select_vectors(normal, sum, sound);
 }
 
 // Light sent back to the eye: the facing ratio above the ambient share.
-float headlight(const double *normal, const double *view)
+float4 headlights(const Vectors *normals, const Vectors *views)
 {
-    const double facing = -dot3(normal, view);
-    const double lit = facing > 0.0 ? facing : 0.0;
-    return (float)(ALBEDO * (AMBIENT + (1.0 - AMBIENT) * lit));
+    const double4 facing = -dot_of_4(normals, views);
+    const double4 lit = facing > 0.0 ? facing : (double4)(0.0);
+    return convert_float4(ALBEDO * (AMBIENT + (1.0 - AMBIENT) * lit));
 }
 
 #endif

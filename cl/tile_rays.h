@@ -58,6 +58,12 @@ void set_hit(Tile *tile, uint k, Hit hit)
     tile->hits[k] = hit;
 }
 
+// Triangles of rays k .. k + 3.
+uint4 ids_of_4(const Tile *tile, uint k)
+{
+    return (uint4)(tile->hits[k].id, tile->hits[k + 1].id, tile->hits[k + 2].id, tile->hits[k + 3].id);
+}
+
 #else
 
 typedef struct {
@@ -155,6 +161,11 @@ void set_hit(Tile *tile, uint k, Hit hit)
 {
     tile->t[k] = hit.meeting.t;
     tile->ids[k] = hit.id;
+}
+
+uint4 ids_of_4(const Tile *tile, uint k)
+{
+    return vload4(0, tile->ids + k);
 }
 
 #endif
