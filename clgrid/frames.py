@@ -19,7 +19,7 @@ from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import Grid
-from clgrid.mesh import Mesh, used_vertices
+from clgrid.mesh import Mesh, extent, used_vertices
 from clgrid.record import FrameMedians, FrameRow, FramesRecord
 from clgrid.renderer import render
 from clgrid.scene import Scene, up_axis
@@ -85,8 +85,7 @@ def _read_array(path: Path) -> npt.NDArray[Any]:
 def bounds_of_all(frames: Frames, mesh: Mesh) -> npt.NDArray[np.float64]:
     """(2, 3) float64: lowest and highest corner that a triangle reaches in any frame."""
     used = used_vertices(mesh)
-    corners = [(frame[used].min(axis=0), frame[used].max(axis=0)) for frame in frames]
-    low, high = zip(*corners, strict=True)
+    low, high = zip(*[extent(frame[used]) for frame in frames], strict=True)
     return np.stack([np.min(low, axis=0), np.max(high, axis=0)]).astype(np.float64)
 
 

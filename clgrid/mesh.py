@@ -87,14 +87,20 @@ class Mesh:
             raise MeshError(
                 f"{self.source}: no triangles, so no bounds; give a mesh with at least one triangle"
             )
-        corners = self.vertices if self._all_used else self.vertices[used_vertices(self)]
-        bounds = np.stack([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
+        bounds = extent(self.vertices)
+        if not self._reaches(bounds):
+            bounds = extent(self.vertices[used_vertices(self)])
+        bounds = bounds.astype(np.float64)
         bounds.setflags(write=False)
         return bounds
 
-    @cached_property
-    def _all_used(self) -> bool:
-        return bool(used_vertices(self).all())
+    def _reaches(self, bounds: FloatArray) -> bool:
+        """Whether triangles use the vertices, or some of them, that the bounds of all vertices touch."""
+        return all(
+            _names(self.faces, _first_at(self.vertices[:, axis], bounds[side, axis]))
+            for side in range(2)
+            for axis in range(3)
+        )
 
     def moved(self, vertices: FloatArray) -> Mesh:
         """The mesh with other positions, and without its vertex normals, which were of the old shape.
@@ -113,10 +119,7 @@ class Mesh:
             raise MeshError(
                 f"{self.source}: moved vertices have shape {np.shape(vertices)}; give {self.vertices.shape}"
             )
-        moved = replace(self, vertices=vertices, vertex_normals=None)
-        # Which vertices are used depends on the faces alone.
-        moved.__dict__["_all_used"] = self._all_used
-        return moved
+        return replace(self, vertices=vertices, vertex_normals=None)
 
     def geometry_ids(self, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Geometry of each triangle id; -1 stays -1.
@@ -133,6 +136,40 @@ class Mesh:
         """
         found = np.searchsorted(self.geometry_starts, primitive_ids, side="right") - 1
         return np.where(primitive_ids < 0, -1, found).astype(np.int64)
+
+
+_LONG_ROW = 256
+_CHUNK = 1 << 15
+
+
+def extent(points: FloatArray) -> FloatArray:
+    """(2, 3): least and greatest coordinates of (N, 3) points, N at least 1; NaN where one is."""
+    # Long rows: numpy reduces rows of three numbers one number at a time, which takes ten times as long.
+    rows = len(points) // _LONG_ROW
+    parts = [points[rows * _LONG_ROW :]] if len(points) % _LONG_ROW else []
+    if rows:
+        long = points[: rows * _LONG_ROW].reshape(rows, 3 * _LONG_ROW)
+        parts += [long.min(axis=0).reshape(-1, 3), long.max(axis=0).reshape(-1, 3)]
+    return np.stack(
+        [np.min([part.min(axis=0) for part in parts], axis=0), np.max([p.max(axis=0) for p in parts], axis=0)]
+    )
+
+
+def _first_at(column: FloatArray, value: float) -> int:
+    """Index of the first number that equals the value; -1 if none does."""
+    for start in range(0, len(column), _CHUNK):
+        found = column[start : start + _CHUNK] == value
+        if found.any():
+            return start + int(found.argmax())
+    return -1
+
+
+def _names(faces: npt.NDArray[np.uint32], vertex: int) -> bool:
+    """Whether a triangle uses the vertex: looked for first where it would be if both were in one order."""
+    if vertex < 0:
+        return False
+    near = max(0, int(vertex / max(1, int(faces.max())) * len(faces)) - _CHUNK // 2)
+    return bool((faces[near : near + _CHUNK] == vertex).any() or (faces == vertex).any())
 
 
 def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:

@@ -94,8 +94,9 @@ def render(
     if "t_err" in aovs and grid.accuracy == "fast":
         raise InputError("render: the AOV t_err is of the strict rungs, not of fast; choose one of those")
     view = camera or default_camera(scene, width / height)
-    image = _blank(width, height, aovs, background)
     start = time.perf_counter()
+    # Several parts each leave the pixels of the parts before, where those are nearer.
+    image = _blank(width, height, aovs, background, filled=grid.empty or len(grid.standing) > 1)
     if not grid.empty:
         _draw(grid, view, image, background, progress)
     if image.primitive_id is not None:
@@ -160,17 +161,26 @@ def _check(width: int, height: int, aovs: Sequence[str], background: Sequence[fl
         raise InputError(f"render: background {tuple(background)} is not three finite numbers")
 
 
-def _blank(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> Image:
-    """Make the picture of nothing; rendering then fills its arrays in place."""
-    rgba = np.zeros((height, width, 4), np.float32)
-    rgba[..., :3] = background
+def _blank(
+    width: int, height: int, aovs: Sequence[str], background: Sequence[float], *, filled: bool
+) -> Image:
+    """Make the picture of nothing; or, if rendering writes every pixel, arrays that hold anything."""
+    shape = height, width
+    rgba = np.empty((*shape, 4), np.float32)
+    depth, normal = np.empty(shape, np.float32), np.empty((*shape, 3), np.float32)
+    ids, t_err = np.empty(shape, np.uint32), np.empty(shape, np.float32)
+    if filled:
+        rgba[..., :3], rgba[..., 3] = background, 0
+        for array, value in ((depth, np.inf), (normal, 0), (ids, NO_ID), (t_err, 0)):
+            array.fill(value)
     return Image(
         rgba,
-        depth=np.full((height, width), np.inf, np.float32) if "depth" in aovs else None,
-        normal=np.zeros((height, width, 3), np.float32) if "normal" in aovs else None,
-        primitive_id=np.full((height, width), NO_ID, np.uint32) if "id" in aovs else None,
-        steps=np.zeros((height, width), np.uint32) if "steps" in aovs else None,
-        t_err=np.zeros((height, width), np.float32) if "t_err" in aovs else None,
+        depth=depth if "depth" in aovs else None,
+        normal=normal if "normal" in aovs else None,
+        primitive_id=ids if "id" in aovs else None,
+        # The kernels count on from 0.
+        steps=np.zeros(shape, np.uint32) if "steps" in aovs else None,
+        t_err=t_err if "t_err" in aovs else None,
     )
 
 
