@@ -115,10 +115,11 @@ bool keeps_together(const Bundle *bundle, __constant const GridParams *grid)
     return true;
 }
 
-// Number of the slice at a depth, moved out of doubt by `pad` cells.
-int slice_at(__constant const GridParams *grid, int axis, float depth, float pad)
+// Number of the slice at a depth.
+int slice_at(__constant const GridParams *grid, int axis, float depth)
 {
-    return clamp((int)(cell_at(grid, axis, depth) + pad), 0, (int)grid->resolution[axis] - 1);
+    const int highest = (int)grid->resolution[axis] - 1;
+    return min((int)clamp(cell_at(grid, axis, depth), 0.0f, (float)highest), highest);
 }
 
 // Cells that the bundle's bounds overlap between two depths. False: none in the grid.
@@ -134,8 +135,8 @@ bool cells_between(const Bundle *bundle, __constant const GridParams *grid, floa
         const float least = cell_at(grid, axis, low - BEAM_PAD), greatest = cell_at(grid, axis, high + BEAM_PAD);
         if (!(greatest >= 0.0f && least < (float)(highest + 1)))
             return false;
-        first[axis] = (int)max(least, 0.0f);
-        last[axis] = (int)min(greatest, (float)highest);
+        first[axis] = min((int)max(least, 0.0f), highest);
+        last[axis] = min((int)min(greatest, (float)highest), highest);
     }
     return true;
 }
@@ -172,8 +173,7 @@ bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
     const bool climbs = bundle->side > 0.0f;
     const int way = climbs ? 1 : -1;
     const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
-    const float pad = (float)way * 0x1p-6f;
-    const int end = slice_at(grid, kd, climbs ? bundle->to : bundle->from, pad);
+    const int end = slice_at(grid, kd, climbs ? bundle->to : bundle->from);
     Waiting waiting;
     for (uint i = 0; i < REMEMBERED; i += LANES)
         vstore8((uint8)(NO_HIT), 0, waiting.seen + i);
@@ -181,7 +181,7 @@ bool walk_slices(Tile *tile, Bundle *bundle, GRID_PARAMETERS, MESH_PARAMETERS)
     int layer = -1;
     bool empty = false;
 #endif
-    for (int slice = slice_at(grid, kd, climbs ? bundle->from : bundle->to, -pad);; slice += way) {
+    for (int slice = slice_at(grid, kd, climbs ? bundle->from : bundle->to);; slice += way) {
         const float near = lower + (float)(climbs ? slice : slice + 1) * cell;
         const float far = lower + (float)(climbs ? slice + 1 : slice) * cell;
         const uint alive = groups_alive(bundle, near);
