@@ -72,19 +72,54 @@ void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *seen, int8 op
     bundle->last[g] = vload8(0, last);
 }
 #else
-// Four rays and a triangle whose edge functions do not rule it out: finish_hit, within and before in step.
-void keep_of_4(Tile *tile, uint k, int4 open, float4 u32, float4 v32, float4 w32, float4 az, float4 bz, float4 cz,
-               float4 sd, uint id)
+// Half of what eight rays see.
+typedef struct {
+    float4 ax, ay, az, bx, by, bz, cx, cy, cz;
+    float4 u, v, w;
+} Seen4;
+
+Seen4 low_half(const Seen *s)
 {
-    const double4 u = convert_double4(u32), v = convert_double4(v32), w = convert_double4(w32);
+    const Seen4 four = {s->ax.lo, s->ay.lo, s->az.lo, s->bx.lo, s->by.lo, s->bz.lo,
+                        s->cx.lo, s->cy.lo, s->cz.lo, s->u.lo, s->v.lo, s->w.lo};
+    return four;
+}
+
+Seen4 high_half(const Seen *s)
+{
+    const Seen4 four = {s->ax.hi, s->ay.hi, s->az.hi, s->bx.hi, s->by.hi, s->bz.hi,
+                        s->cx.hi, s->cy.hi, s->cz.hi, s->u.hi, s->v.hi, s->w.hi};
+    return four;
+}
+
+// p q - r s of float32 numbers: the products are exact in float64.
+double4 difference_of_4(float4 p, float4 q, float4 r, float4 s)
+{
+    return convert_double4(p) * convert_double4(q) - convert_double4(r) * convert_double4(s);
+}
+
+// Four rays, from `k` on, and a triangle that their edge functions do not rule out: finish_hit, within and before
+// in step. `hard` lanes need edge functions in float64.
+void keep_of_4(Tile *tile, uint k, int4 open, int4 hard, const Seen4 *s, float4 sd, uint id)
+{
+    double4 u = convert_double4(s->u), v = convert_double4(s->v), w = convert_double4(s->w);
+    long4 refused = (long4)(0);
+    if (any(hard)) {
+        const long4 wide = convert_long4(hard);
+        u = wide ? difference_of_4(s->cx, s->by, s->cy, s->bx) : u;
+        v = wide ? difference_of_4(s->ax, s->cy, s->ay, s->cx) : v;
+        w = wide ? difference_of_4(s->bx, s->ay, s->by, s->ax) : w;
+        refused = wide & ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
+    }
     const double4 det = (u + v) + w;
-    const double4 at = ((u * convert_double4(az) + v * convert_double4(bz)) + w * convert_double4(cz))
+    const double4 at = ((u * convert_double4(s->az) + v * convert_double4(s->bz)) + w * convert_double4(s->cz))
                        * convert_double4(sd) / det;
     const float4 t = convert_float4(at), best = vload4(0, tile->t + k);
     const uint4 ids = vload4(0, tile->ids + k);
     const double4 entry = vload4(0, tile->t_entry + k), unit = vload4(0, tile->t_unit + k);
     const double4 scene = (entry + convert_double4(t)) * unit;
-    long4 taken = (det != 0.0) & (scene >= vload4(0, tile->t_min + k)) & (scene <= vload4(0, tile->t_max + k));
+    long4 taken = ~refused & (det != 0.0);
+    taken &= (scene >= vload4(0, tile->t_min + k)) & (scene <= vload4(0, tile->t_max + k));
 #ifndef QUERY_ANY
     const double4 least = (entry + convert_double4(best)) * unit;
     taken &= (scene < least) | ((scene == least) & convert_long4((uint4)(id) < ids));
@@ -96,24 +131,18 @@ void keep_of_4(Tile *tile, uint k, int4 open, float4 u32, float4 v32, float4 w32
 
 void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *s, int8 open, uint id, MESH_PARAMETERS)
 {
-    // As finish_hit: these need float64 weights, and are few.
+    // As finish_hit.
     const float8 reach = reach_of_lanes(s);
     const int8 hard = (fabs((s->u + s->v) + s->w) < 2.0f * reach * reach * reach)
                       | (min(min(fabs(s->u), fabs(s->v)), fabs(s->w)) < SMALLEST_EDGE);
-    const int8 easy = open & ~hard;
     const float8 sd = bundle->sd[g];
-    const uint first = g * LANES;
-    if (any(easy.lo))
-        keep_of_4(tile, first, easy.lo, s->u.lo, s->v.lo, s->w.lo, s->az.lo, s->bz.lo, s->cz.lo, sd.lo, id);
-    if (any(easy.hi))
-        keep_of_4(tile, first + 4, easy.hi, s->u.hi, s->v.hi, s->w.hi, s->az.hi, s->bz.hi, s->cz.hi, sd.hi, id);
-    for (uint lanes = bits_of(open & hard); lanes != 0; lanes &= lanes - 1) {
-        const uint k = first + lowest_of_32(lanes);
-        const Ray ray = ray_of(tile, k);
-        const Projection projection = projection_of(&ray);
-        Hit hit = hit_of(tile, k);
-        keep(&ray, &projection, MESH_ARGUMENTS, id, &hit);
-        set_hit(tile, k, hit);
+    if (any(open.lo)) {
+        const Seen4 four = low_half(s);
+        keep_of_4(tile, g * LANES, open.lo, hard.lo, &four, sd.lo, id);
+    }
+    if (any(open.hi)) {
+        const Seen4 four = high_half(s);
+        keep_of_4(tile, g * LANES + 4, open.hi, hard.hi, &four, sd.hi, id);
     }
 #ifdef QUERY_ANY
     bundle->last[g] = vload8(g, tile->ids) == NO_HIT ? bundle->last[g] : (float8)(-INFINITY);

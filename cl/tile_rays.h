@@ -110,13 +110,13 @@ void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4]
             const long4 moves = d[a] != 0.0;
             const double4 side = d[a] > 0.0 ? (double4)(ENTRY_CUBE) : (double4)(-ENTRY_CUBE);
             const double4 t0 = (-side - o[a]) / d[a], t1 = (side - o[a]) / d[a];
-            t_near = moves & (t0 > t_near) ? t0 : t_near;
-            t_far = moves & (t1 < t_far) ? t1 : t_far;
+            t_near = (moves & (t0 > t_near)) ? t0 : t_near;
+            t_far = (moves & (t1 < t_far)) ? t1 : t_far;
             apart |= ~moves & (fabs(o[a]) > ENTRY_CUBE);
         }
         apart |= ~(t_near <= t_far);
         reach &= ~(distant & apart);
-        t_entry = distant & ~apart ? t_near : t_entry;
+        t_entry = (distant & ~apart) ? t_near : t_entry;
     }
     for (int a = 0; a < 3; ++a) {
         const double4 start = o[a] + t_entry * d[a];
