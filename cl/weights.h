@@ -92,24 +92,18 @@ Weights weights_of_4(const Tile *tile, uint k, uint4 ids, MESH_PARAMETERS)
     shear_corner(&s, &c, &cx, &cy);
     const float4 u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
     const float4 reach = max(max(max(fabs(ax), fabs(ay)), max(fabs(bx), fabs(by))), max(fabs(cx), fabs(cy)));
-    // As finish_hit: these need float64 edge functions, and are few.
+    // As finish_hit.
     const int4 hard = (fabs((u + v) + w) < 2.0f * reach * reach * reach)
                       | (min(min(fabs(u), fabs(v)), fabs(w)) < SMALLEST_EDGE);
-    const double4 det = (convert_double4(u) + convert_double4(v)) + convert_double4(w);
-    float second[4], third[4];
-    vstore4(convert_float4(convert_double4(v) / det), 0, second);
-    vstore4(convert_float4(convert_double4(w) / det), 0, third);
+    double4 u64 = convert_double4(u), v64 = convert_double4(v), w64 = convert_double4(w);
     if (any(hard)) {
-        int again[4];
-        vstore4(hard, 0, again);
-        for (uint i = 0; i < 4; ++i)
-            if (again[i]) {
-                const Hit hit = described_hit(tile, k + i, MESH_ARGUMENTS);
-                second[i] = hit.u;
-                third[i] = hit.v;
-            }
+        const long4 wide = convert_long4(hard);
+        u64 = wide ? difference_of_4(cx, by, cy, bx) : u64;
+        v64 = wide ? difference_of_4(ax, cy, ay, cx) : v64;
+        w64 = wide ? difference_of_4(bx, ay, by, ax) : w64;
     }
-    const Weights weights = {convert_double4(vload4(0, second)), convert_double4(vload4(0, third))};
+    const double4 det = (u64 + v64) + w64;
+    const Weights weights = {convert_double4(convert_float4(v64 / det)), convert_double4(convert_float4(w64 / det))};
     return weights;
 }
 #endif
