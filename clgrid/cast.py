@@ -95,7 +95,8 @@ def run(
         part = slice(start, min(start + most, count))
         inputs = [flat_o[part], flat_d[part], bounds if len(bounds) == 1 else bounds[part]]
         rejected = np.zeros(division.items(len(inputs[0])), np.uint32)
-        launch_on_host(target, launch, inputs + further(inputs), [rejected, *(array[part] for array in results)])
+        filled = [rejected, *(array[part] for array in results)]
+        launch_on_host(target, launch, [*inputs, *further(inputs)], filled)
         invalid += int(rejected.sum())
     return invalid
 

@@ -76,12 +76,13 @@ def _row_of(rays: Rays) -> int:
 
 def _is_row(rays: Rays, row: int) -> bool:
     """Whether rays of a row run nearly alike, and so do those above each other."""
-    most = _LOOKED_AT // row * row or row
-    d = rays.directions.reshape(-1, 3)[: max(most, 2 * row)].reshape(-1, row, 3)
-    o = rays.origins.reshape(-1, 3)[: max(most, 2 * row)].reshape(-1, row, 3)
-    with np.errstate(all="ignore"):
-        spread = sum(np.abs(np.diff(a, axis=axis)).mean() / (np.abs(a).max() or 1) for a in (d, o) for axis in (0, 1))
-    return bool(spread < _ALIKE)
+    rows = max(2, _LOOKED_AT // row)
+    spread = 0.0
+    for vectors in (rays.directions, rays.origins):
+        some = np.nan_to_num(vectors.reshape(-1, 3)[: rows * row].astype(np.float64), posinf=0, neginf=0)
+        image = (some / (np.abs(some).max() or 1)).reshape(-1, row, 3)
+        spread += sum(float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1))
+    return spread < _ALIKE
 
 
 def _steps(vectors: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
