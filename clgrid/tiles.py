@@ -42,9 +42,9 @@ class Division:
         return -(-self.row // _SIDE) * -(-rows // _SIDE)
 
     def launch_of(self, most: int) -> int:
-        """How many rays, at most, a launch takes so that no tile is cut."""
+        """How many rays a launch takes: so many at most that no tile is cut, if there is a whole one in them."""
         band = self.row * _SIDE
-        return most // band * band if band else most
+        return most // band * band or most if band else most
 
 
 def division_of(rays: Rays) -> Division:
