@@ -1,13 +1,13 @@
 // Rays of a work-item walk the grid in turns, so that each waits for memory while the others work: what a
 // turn reads was asked for by the step before it. Rays without order would do little but wait. The cells that
 // a ray looks at and the triangles that it tests are those of walk_grid.
-//   HERD    rays under way at once
+//   HERD    rays under way at once: IN_TURNS
 //   PATH    cells whose lists are asked for at once
 #ifndef CLG_HERD_H
 #define CLG_HERD_H
 #include "grid.h"
 
-#define HERD 16
+#define HERD IN_TURNS
 #ifdef SKIP_EMPTY
 #define PATH (3 * BRICK - 2)  // cells of a brick that a line meets
 #else

@@ -1,7 +1,8 @@
 // Tiles of up to 64 rays, cast together where they keep together: the triangles of the cells that any of them
 // may pass are brought in once for all (slices.h). Rays that spread too far go each its own way. What is kept of a
 // triangle is the same either way (triangle.h), and so are the bits of all hits.
-//   IN_TURNS   where they do, they take turns (herd.h): worth it for meshes that caches do not hold
+//   IN_TURNS   where they do, so many at once take turns (herd.h): worth it for meshes that caches do not hold
+// Numbers that are tuned, in upper case, come from clgrid/tuning.py.
 #ifndef CLG_TILE_H
 #define CLG_TILE_H
 #include "grid.h"
@@ -14,7 +15,9 @@
 #endif
 
 // Fewer rays of a major axis go one by one.
+#ifndef FEWEST_TOGETHER
 #define FEWEST_TOGETHER 12
+#endif
 
 // Casts rays of the tile each its own way.
 #ifdef IN_TURNS

@@ -17,6 +17,7 @@ from clgrid.program import kernel
 from clgrid.rays import Rays, invalid_count
 from clgrid.target import DeviceMesh, MeshPart
 from clgrid.tiles import RAYS_PER_ITEM, Division, division_of
+from clgrid.tuning import tuning_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 Defines = dict[str, int | str]
@@ -25,8 +26,6 @@ NO_HIT = 0xFFFFFFFF
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
-# From so many triangles on, rays that go alone wait for memory, and had better take turns (cl/herd.h).
-_FEWEST_IN_TURNS = 1 << 19
 _MACROS = {"primitive_uvs": "WITH_UVS", "t_err": "WITH_T_ERR", "certain": "WITH_CERTAIN"}
 
 
@@ -134,8 +133,7 @@ def cast_in_tiles(
 ) -> int:
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
-    if target.mesh.triangle_count >= _FEWEST_IN_TURNS:
-        options = {**options, "IN_TURNS": 1}
+    options = {**options, **tuning_of(target.device).defines(target.mesh.triangle_count)}
     if division.row:
         launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
         return run(target, launch, division, rays, results)

@@ -24,6 +24,7 @@ from clgrid.mesh import Mesh
 from clgrid.program import kernel
 from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
+from clgrid.tuning import tuning_of
 
 AOVS = ("depth", "normal", "id", "steps", "t_err")
 DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
@@ -190,7 +191,8 @@ def _draw(
     device, mesh, parts = grid.device, grid.mesh, grid.standing
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
     rung = grid.rung
-    options = {**kernel_options(mesh, aovs), **part_defines(parts), **rung.defines}
+    tuned = tuning_of(device).defines(mesh.triangle_count)
+    options = {**kernel_options(mesh, aovs), **part_defines(parts), **rung.defines, **tuned}
     allocator = Allocator(device)
     inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]
     colour = [np.float32(value) for value in background]

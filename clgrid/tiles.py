@@ -42,7 +42,7 @@ class Division:
         return -(-self.row // _SIDE) * -(-rows // _SIDE)
 
     def launch_of(self, most: int) -> int:
-        """How many rays a launch takes: so many at most that no tile is cut, if there is a whole one in them."""
+        """How many rays a launch takes, at most: whole tiles, if there is room for one."""
         band = self.row * _SIDE
         return most // band * band or most if band else most
 
