@@ -19,34 +19,41 @@ import numpy.typing as npt
 
 from clgrid import cache, layouts, registration
 from clgrid.cast import GridPart, cast_closest
-from clgrid.cost import Constants
+from clgrid.cost import TILE, Constants, passed_by_tiles
 from clgrid.device import Device
 from clgrid.errors import ClgridError
 from clgrid.hits import COUNTERS
 from clgrid.layouts.planes import plane_params
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
-from clgrid.procedural import cube, terrain
+from clgrid.procedural import cube, icosphere, terrain
 from clgrid.program import source_digest
 from clgrid.rays import Rays
 from clgrid.resolution import by_density
 from clgrid.target import DeviceMesh
 
-# Seconds for: a build, a triangle, a reference, a cell; a ray, a step, a batch of tests. By PoCL and Intel's
-# runtime on two cores of an EPYC: what every fit starts from, and stays near where it says little.
-_TYPICAL_BUILD = (5e-4, 8e-9, 1e-8, 4e-10)
-_TYPICAL_CAST = (4e-8, 1.8e-9, 1e-8)
-_TYPICAL_LEAP = (4e-8, 1.2e-8, 7e-9)
+# Seconds for: a build, a triangle, a reference, a cell. By PoCL and Intel's runtime on two cores of an EPYC:
+# what every fit starts from, and stays near where it says little.
+_TYPICAL_BUILD = (6e-4, 4e-9, 3.8e-9, 2e-10)
+# Seconds for a ray; a cell, a reference that a tile passes. Hashed lists are found in more steps; skipping
+# leaves cells that have lists, mostly.
+_TYPICAL_CAST = {
+    ("compact", False): (2e-8, 2.2e-9, 2.4e-9),
+    ("compact", True): (2e-8, 7.2e-9, 2.0e-9),
+    ("hashed", False): (2e-8, 3.0e-9, 2.8e-9),
+    ("hashed", True): (2e-8, 8.5e-9, 2.4e-9),
+}
 
 _ROUNDS = 4
-# Rays: few rows of a picture, each as dense as that of a large one, since neighbours share what they read.
-_ROWS, _COLUMNS = 32, 1024
-_NEEDLES = 1 << 14
+# Rays: tiles here and there in a large picture, since neighbours share what they read.
+_PIXELS, _TILES_DOWN, _TILES_ACROSS = 1024, 16, 64
+# Width of the picture, in diagonals of the mesh's box.
+_WIDE = 1.0
 # A constant may differ from the typical one, once that is scaled to the device, by so much either way.
 _MOST = 10.0
 # Weight of the typical constants beside a measurement: decides what those leave open.
-_PULL = 0.3
-_FORMAT = 2
+_PULL = 1.0
+_FORMAT = 3
 
 _lock = threading.Lock()
 _known: dict[tuple[Device, str, bool], Constants] = {}
@@ -85,9 +92,10 @@ def constants(device: Device, kinds: Sequence[Kind]) -> dict[Kind, Constants]:
         return known
 
 
-def typical(skipping: bool, source: str = "typical") -> Constants:
-    """Constants of no device in particular."""
-    return Constants(_TYPICAL_BUILD, _TYPICAL_LEAP if skipping else _TYPICAL_CAST, source)
+def typical(kind: Kind, source: str = "typical") -> Constants:
+    """Constants of no device in particular; those of the compact layout for the historical ones."""
+    cast = _TYPICAL_CAST.get(kind) or _TYPICAL_CAST["compact", kind[1]]
+    return Constants(_TYPICAL_BUILD, cast, source)
 
 
 def cache_name(device: Device, layout: str, skipping: bool) -> str:
@@ -126,15 +134,10 @@ def _source(device: Device) -> str:
 
 def _fitted(device: Device, kinds: Sequence[Kind]) -> dict[Kind, Constants]:
     try:
-        found = {
-            (layout, skip): Constants(
-                _four(fit(built, _TYPICAL_BUILD)), _three(fit(casts, typical(skip).cast)), _source(device)
-            )
-            for (layout, skip), (built, casts) in measure(device, kinds).items()
-        }
+        found = fit_all(measure(device, kinds), _source(device))
     except (ClgridError, registration.opencl().Error, MemoryError, ArithmeticError) as error:
         why = f"typical, since the fit on {device.label} failed: {error}"
-        return {(layout, skip): typical(skip, why) for layout, skip in kinds}
+        return {kind: typical(kind, why) for kind in kinds}
     for kind, fitted in found.items():
         record = {"build": list(fitted.build), "cast": list(fitted.cast)}
         cache.store(cache_name(device, *kind), record)
@@ -178,17 +181,74 @@ def fit(measured: Measured, start: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(float(value) for value in scale * factors * np.array(start))
 
 
+def fit_all(measured: dict[Kind, tuple[Measured, Measured]], source: str) -> dict[Kind, Constants]:
+    """Constants of kinds that were measured together.
+
+    Those of triangles and of rays are one for all kinds, so that a disturbance of one of them does not pass
+    for a difference.
+
+    Parameters
+    ----------
+    measured : dict of kind to (Measured, Measured)
+        As ``measure`` gives them.
+
+    Raises
+    ------
+    ArithmeticError
+        As ``fit``.
+    """
+    builds, casts = ([pair[i] for pair in measured.values()] for i in (0, 1))
+    meshes = casts[0].amounts.shape[1] - 2
+    starts = [typical(kind).cast for kind in measured]
+    of_builds = _fit_stacked(builds, [_TYPICAL_BUILD] * len(measured), (1,))
+    of_casts = _fit_stacked(casts, [[ray] * meshes + own for ray, *own in starts], tuple(range(meshes)))
+    return {
+        kind: Constants(_four(built), _three([float(np.mean(cast[:meshes])), *cast[meshes:]]), source)
+        for kind, built, cast in zip(measured, of_builds, of_casts, strict=True)
+    }
+
+
+def _fit_stacked(
+    parts: Sequence[Measured], starts: Sequence[Sequence[float]], shared: tuple[int, ...]
+) -> list[list[float]]:
+    """Fit parts at once, with the constants of the columns ``shared`` in common."""
+    count = len(starts[0])
+    own = [column for column in range(count) if column not in shared]
+    places = []
+    for number in range(len(parts)):
+        place = np.empty(count, np.intp)
+        place[list(shared)] = np.arange(len(shared))
+        place[own] = len(shared) + number * len(own) + np.arange(len(own))
+        places.append(place)
+    width = len(shared) + len(parts) * len(own)
+    rows, start = [], np.empty(width)
+    for part, begun, place in zip(parts, starts, places, strict=True):
+        wide = np.zeros((len(part.amounts), width))
+        wide[:, place] = part.amounts
+        rows.append(wide)
+        start[place] = begun
+    seconds = np.concatenate([part.seconds for part in parts])
+    fitted = np.array(fit(Measured(np.concatenate(rows), seconds), tuple(start)))
+    return [fitted[place].tolist() for place in places]
+
+
 def measure(device: Device, kinds: Sequence[Kind]) -> dict[Kind, tuple[Measured, Measured]]:
     """Build and cast, in turns.
 
     Returns
     -------
     dict of kind to (Measured, Measured)
-        Of builds: in any case, triangles, references, cells. Of casts: rays, steps, batches.
+        Of builds: in any case, triangles, references, cells. Of casts: rays at each mesh, then cells and
+        references that tiles pass. What else than the grid makes rays of a mesh slow thus stays out of the
+        constants of cells and references.
     """
-    scenes = [(cube(), 4.0), *((mountains(), density) for density in (0.5, 4.0, 16.0))]
-    scenes += [(needles(), density) for density in (0.5, 4.0)]
-    experiments = [_Experiment(mesh, device, kind, density) for kind in kinds for mesh, density in scenes]
+    meshes = [(cube(), (4.0,)), (mountains(), (0.25, 1.0, 4.0, 16.0)), (icosphere(6), (0.5, 4.0, 16.0))]
+    experiments = [
+        _Experiment(mesh, device, kind, density, np.arange(len(meshes)) == number)
+        for kind in kinds
+        for number, (mesh, densities) in enumerate(meshes)
+        for density in densities
+    ]
     for _ in range(_ROUNDS):
         for experiment in experiments:
             experiment.run()
@@ -205,7 +265,9 @@ def measure(device: Device, kinds: Sequence[Kind]) -> dict[Kind, tuple[Measured,
 class _Experiment:
     """One scene at one density in one layout: the least seconds of its builds and of its casts."""
 
-    def __init__(self, mesh: Mesh, device: Device, kind: Kind, density: float) -> None:
+    def __init__(
+        self, mesh: Mesh, device: Device, kind: Kind, density: float, is_mesh: npt.NDArray[np.bool_]
+    ) -> None:
         self.mesh = mesh
         self.device = device
         self.kind = kind
@@ -217,7 +279,14 @@ class _Experiment:
         self._cast()
         lists = self.part.lists
         self.built = (1.0, mesh.triangle_count, lists.reference_count, lists.cell_count)
-        self.counted = (len(self.rays.origins), hits["steps"].sum(), hits["batches"].sum())
+        # Cells are near to cubes, so that the longest side tells their size.
+        low, high = mesh.bounds
+        cells_per_unit = max(lists.resolution) / float((high - low).max())
+        width = TILE * _pixel(mesh) * cells_per_unit
+        rays, *passed = passed_by_tiles(
+            hits.t_hit.size, float(hits.steps.mean()), float(hits.tests.mean()), width
+        )
+        self.counted = (*(rays * is_mesh), *passed)
         self.build_s = self.cast_s = math.inf
 
     def run(self) -> None:
@@ -249,23 +318,27 @@ def mountains() -> Mesh:
     return Mesh(hills.vertices * np.array([1, 1, 4], np.float32), hills.faces, source="mountains")
 
 
-def needles() -> Mesh:
-    """Long thin triangles all over the unit cube: many references for each."""
-    i = np.arange(_NEEDLES)
-    start = np.stack([i / _NEEDLES, i * 0.618033988749895 % 1, i * 0.754877666246693 % 1], -1)
-    corners = start[:, None] + np.array([[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0.2]])
-    faces = np.arange(3 * _NEEDLES, dtype=np.uint32).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces, source="needles")
+def _pixel(mesh: Mesh) -> float:
+    """Width of a pixel of ``view`` at the middle of the mesh."""
+    low, high = mesh.bounds
+    return _WIDE / _PIXELS * float(np.linalg.norm(high - low))
 
 
 def view(mesh: Mesh) -> Rays:
-    """Rows of rays from one point to a square around the mesh."""
+    """Tiles all over a picture of the mesh, each as small as in the whole of it."""
     low, high = mesh.bounds
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     back = np.array([0.48, 0.6, 0.64])
     across = np.array([0.8, 0.0, -0.6])
-    rows, columns = (np.linspace(-0.4, 0.4, count) for count in (_ROWS, _COLUMNS))
-    targets = middle + size * (rows[:, None, None] * np.cross(back, across) + columns[:, None] * across)
+    rows, columns = (_pixel(mesh) * _scattered(tiles) for tiles in (_TILES_DOWN, _TILES_ACROSS))
+    targets = middle + rows[:, None, None] * np.cross(back, across) + columns[:, None] * across
     origin = middle + 1.5 * size * back
-    directions = targets.reshape(-1, 3) - origin
-    return Rays(np.tile(origin, (len(directions), 1)), directions, np.array([[0.0, np.inf]]))
+    directions = targets - origin
+    return Rays(np.broadcast_to(origin, directions.shape).copy(), directions, np.array([[0.0, np.inf]]))
+
+
+def _scattered(tiles: int) -> npt.NDArray[np.float64]:
+    """Pixels of so many tiles spread over the picture's width, from its middle."""
+    starts = (np.arange(tiles) + 0.5) * (_PIXELS / tiles) - TILE / 2
+    pixels = starts[:, None] + np.arange(TILE) + 0.5 - _PIXELS / 2
+    return np.asarray(pixels.reshape(-1), np.float64)

@@ -1,8 +1,9 @@
 """What a grid would cost before it is built, and which of several grids to build.
 
-``time = build(triangles, references, cells) + rays * cast(steps, batches)``, a straight line in each: the
-amounts from ``estimate``, a device's seconds from ``calibrate``. Nothing here decides a hit: every grid gives
-the same answers.
+``time = build(triangles, references, cells) + tiles * cast(cells, references)``, a straight line in each: the
+amounts from ``estimate``, a device's seconds from ``calibrate``. Rays are taken for those of a picture, cast in
+tiles (cl/slices.h): the more there are, the narrower is a tile, and the fewer cells it passes that one ray
+would not. Nothing here decides a hit: every grid gives the same answers.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from clgrid.errors import GridTooLargeError
 from clgrid.estimate import Sample, Work, estimate, estimate_nbytes, leaping
 from clgrid.resolution import by_density
 
-LADDER = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+LADDER = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Densities among which "auto" chooses, in cells per triangle."""
 
 LAYOUTS = ("compact", "hashed")
@@ -24,8 +25,16 @@ LAYOUTS = ("compact", "hashed")
 
 DEFAULT_RAYS = 2**20
 
+TILE = 8
+"""Rays along a side of a tile, as in cl/render.cl."""
+
 # Of grids this near to the fastest, the smallest is built.
-_AS_FAST = 1.03
+_AS_FAST = 1.01
+# What a picture shows, where rays end, by mean, as a share of the mesh's longest side.
+_SHOWN = 0.75
+# Cells that a tile may be wide: its rays go alone through finer ones, as if it were no wider. The root of
+# WIDEST_SLICE in cl/slices.h, less one.
+_WIDEST = 10.3
 
 Made = TypeVar("Made")
 
@@ -39,7 +48,7 @@ class Constants:
     build : tuple of 4 float
         In any case, a triangle, a reference, a cell.
     cast : tuple of 3 float
-        A ray, a step, a batch.
+        A ray; a cell, a reference that a tile passes.
     source : str
         Where they come from.
     """
@@ -54,9 +63,30 @@ class Constants:
         return sum(seconds * amount for seconds, amount in zip(self.build, amounts, strict=True))
 
     def cast_s(self, work: Work, rays: float) -> float:
-        """Seconds of so many rays."""
-        amounts = (1.0, work.steps, work.batches)
-        return rays * sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
+        """Seconds of a picture of so many rays."""
+        if rays <= 0:
+            return 0.0
+        width = TILE * _SHOWN * work.across / math.sqrt(rays)
+        amounts = passed_by_tiles(rays, work.steps, work.tests, width)
+        return sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
+
+
+def passed_by_tiles(rays: float, steps: float, tests: float, width: float) -> tuple[float, float, float]:
+    """What rays take in tiles, from what each takes alone: rays, cells and references that the tiles pass.
+
+    A slice of a tile is wider by ``width`` than the way of a ray through it, along both of its sides: by so
+    many rows of cells, and by the references of so many cells each way.
+
+    Parameters
+    ----------
+    rays : float
+    steps, tests : float
+        Of a ray alone, by mean.
+    width : float
+        Of a tile, in cells.
+    """
+    wider, tiles = 1 + min(width, _WIDEST), rays / TILE**2
+    return rays, tiles * steps * wider, tiles * tests * wider**2
 
 
 @dataclass(frozen=True)
@@ -177,8 +207,8 @@ def _candidate(
     work: Work,
 ) -> Candidate:
     nbytes = estimate_nbytes(work, layout, resolution, skip)
-    # What the build holds beside the finished grid: sorted references, and a range for each triangle.
-    held = nbytes + 6 * work.references + 8 * work.triangles
+    # What the build holds beside the finished grid: binned references, and a range for each triangle.
+    held = nbytes + 4 * work.references + 8 * work.triangles
     allowed = asked.max_memory is None or nbytes <= asked.max_memory
     return Candidate(
         layout=layout,

@@ -154,7 +154,7 @@ def _constants(choice: Choice) -> list[ConstantsRecord]:
             layout=layout,
             skipping=skipping,
             build=dict(zip(("fixed", "triangle", "reference", "cell"), seconds.build, strict=True)),
-            cast=dict(zip(("ray", "step", "batch"), seconds.cast, strict=True)),
+            cast=dict(zip(("ray", "passed_cell", "passed_reference"), seconds.cast, strict=True)),
             source=seconds.source,
         )
         for (layout, skipping), seconds in choice.constants.items()

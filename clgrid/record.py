@@ -323,7 +323,7 @@ class ConstantsRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     build : dict of str to float
         ``fixed``, ``triangle``, ``reference``, ``cell``.
     cast : dict of str to float
-        ``ray``, ``step``, ``batch``.
+        ``ray``; ``passed_cell``, ``passed_reference``: that a tile of 64 rays passes.
     source : str
         Where they come from.
     """

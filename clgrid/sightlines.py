@@ -58,12 +58,16 @@ class Sightlines:
         self._places = self._numbers(np.concatenate([points, sum(corners) / 3], axis=1))
         surface = np.bincount(self._places[: len(of)], minlength=int(self._shape.prod()))
         per_volume = surface * (area / max(1, len(of)) / self._cell**3)
-        self._visited, lengths = self._walk(size, rng)
-        met = np.cumsum(0.5 * per_volume[self._visited] * lengths, axis=1)
+        cells, lengths = self._walk(size, rng)
+        met = np.cumsum(0.5 * per_volume[cells] * lengths, axis=1)
         before = np.concatenate([np.zeros((len(met), 1)), met[:, :-1]], axis=1)
-        self._lengths = lengths
-        self._seen = np.exp(-before) * lengths
-        self.open = float(self._seen.sum() / (lengths.sum() * _STEPS))
+        seen = np.exp(-before) * lengths
+        self.open = float(seen.sum() / (lengths.sum() * _STEPS))
+        # Of each coarse cell: the lines' length in it, and what of that is before their first surface.
+        self._length, self._seen = (
+            np.bincount(cells.reshape(-1), np.broadcast_to(each, cells.shape).reshape(-1), len(per_volume))
+            for each in (lengths, seen)
+        )
 
     def passed(self, amounts: FloatArray) -> float:
         """Share of what lies at the triangles, by length, that lines pass before their first surface.
@@ -74,9 +78,9 @@ class Sightlines:
             Of each triangle.
         """
         weights = amounts[self._owners] * self._shares
-        held = np.bincount(self._places, weights, minlength=int(self._shape.prod()))[self._visited]
-        whole = float((held * self._lengths).sum())
-        return float((held * self._seen).sum()) / whole if whole > 0 else 1.0
+        held = np.bincount(self._places, weights, minlength=len(self._seen))
+        whole = float(held @ self._length)
+        return float(held @ self._seen) / whole if whole > 0 else 1.0
 
     def _numbers(self, points: FloatArray) -> npt.NDArray[np.int64]:
         """Number of the coarse cell of each of (3, ...) points."""

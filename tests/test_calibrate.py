@@ -14,10 +14,12 @@ from clgrid.calibrate import Kind, Measured
 from clgrid.device import Device
 from clgrid.errors import GridTooLargeError
 from clgrid.grid import build
-from clgrid.mesh import Mesh
+from clgrid.procedural import icosphere
+from clgrid.tiles import division_of
 
 COMPACT, HASHED = ("compact", False), ("hashed", False)
-START = calibrate.typical(False).build
+CASTS = [(layout, skip) for layout in ("compact", "hashed") for skip in (False, True)]
+START = calibrate.typical(COMPACT).build
 AMOUNTS = np.array(
     [
         [1, 12, 96, 48],
@@ -50,7 +52,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[list[Kind]]:
         return {
             kind: (
                 Measured(AMOUNTS, 2 * AMOUNTS @ np.array(START)),
-                Measured(casts, casts @ np.array(calibrate.typical(False).cast)),
+                Measured(casts, casts @ np.array(calibrate.typical(COMPACT).cast)),
             )
             for kind in kinds
         }
@@ -73,7 +75,7 @@ def test_a_device_that_is_typical_but_for_its_speed_is_found(speed: float) -> No
 def test_another_mixture_is_found_from_its_seconds() -> None:
     truth = np.array([1e-3, 6e-9, 3e-8, 1e-9])
     fitted = calibrate.fit(Measured(AMOUNTS, AMOUNTS @ truth), START)
-    np.testing.assert_allclose(AMOUNTS @ np.array(fitted), AMOUNTS @ truth, rtol=0.15)
+    np.testing.assert_allclose(AMOUNTS @ np.array(fitted), AMOUNTS @ truth, rtol=0.25)
     assert fitted[0] > 1.5 * START[0]
     assert fitted[3] > 1.5 * START[3]
 
@@ -181,8 +183,8 @@ def test_where_the_fit_fails_typical_constants_say_why(
 
     monkeypatch.setattr(calibrate, "measure", fail)
     found = calibrate.constants(device, [COMPACT, ("hashed", True)])
-    assert found[COMPACT].build == calibrate.typical(False).build
-    assert found["hashed", True].cast == calibrate.typical(True).cast
+    assert found[COMPACT].build == calibrate.typical(COMPACT).build
+    assert found["hashed", True].cast == calibrate.typical(("hashed", True)).cast
     assert "typical" in found[COMPACT].source
     assert "no room" in found[COMPACT].source
     assert list(empty_cache.iterdir()) == []
@@ -205,31 +207,62 @@ def test_scenes_are_built_and_cast_and_counted(device: Device) -> None:
     kinds = [COMPACT, ("compact", True)]
     found = calibrate.measure(device, kinds)
     (built, casts), (leaping_built, leaping) = (found[kind] for kind in kinds)
-    assert built.amounts.shape == (6, 4)
-    assert casts.amounts.shape == (6, 3)
+    assert built.amounts.shape == (8, 4)
+    assert casts.amounts.shape == (8, 5)
     for one in (built, casts, leaping_built, leaping):
         assert np.isfinite(one.seconds).all()
         assert (one.seconds > 0).all()
     np.testing.assert_array_equal(built.amounts, leaping_built.amounts)
     # The same lists are met; steps are fewer.
-    np.testing.assert_array_equal(casts.amounts[:, [0, 2]], leaping.amounts[:, [0, 2]])
-    assert leaping.amounts[:, 1].sum() < casts.amounts[:, 1].sum() / 2
+    np.testing.assert_array_equal(casts.amounts[:, [0, 1, 2, 4]], leaping.amounts[:, [0, 1, 2, 4]])
+    assert leaping.amounts[:, 3].sum() < casts.amounts[:, 3].sum() / 2
     scene = calibrate.mountains()
     stats = build(scene, density=4, device=device).stats
-    assert built.amounts[2].tolist() == [1, stats.triangles, stats.references, stats.cells]
+    assert built.amounts[3].tolist() == [1, stats.triangles, stats.references, stats.cells]
     # Unknowns can be told apart.
     assert np.linalg.matrix_rank(built.amounts) == 4
-    assert np.linalg.matrix_rank(casts.amounts) == 3
+    assert np.linalg.matrix_rank(casts.amounts) == 5
 
 
-def test_the_scenes_differ_in_what_they_ask_for(device: Device) -> None:
-    def of(mesh: Mesh) -> tuple[float, float]:
-        grid = build(mesh, density=4, device=device)
+def test_slow_rays_of_one_mesh_are_not_held_against_its_cells() -> None:
+    rng = np.random.default_rng(7)
+    rays = 1e5 * np.eye(2)[[0, 0, 0, 1, 1, 1]]
+    measured = {}
+    for kind in CASTS:
+        amounts = np.concatenate([rays, rng.uniform(1e5, 4e6, (6, 2))], axis=1)
+        ray, cell, reference = calibrate.typical(kind).cast
+        casts = Measured(amounts, amounts @ np.array([ray, 4 * ray, cell, reference]))
+        measured[kind] = (Measured(AMOUNTS, AMOUNTS @ np.array(START)), casts)
+    found = calibrate.fit_all(measured, "here")
+    for kind, constants in found.items():
+        np.testing.assert_allclose(constants.build, START, rtol=1e-6)
+        np.testing.assert_allclose(constants.cast[1:], calibrate.typical(kind).cast[1:], rtol=0.15)
+        assert constants.cast[0] > 1.5 * calibrate.typical(kind).cast[0]
+        assert constants.source == "here"
+
+
+def test_what_no_layout_changes_has_one_constant_for_all() -> None:
+    rng = np.random.default_rng(8)
+    measured = {
+        kind: (
+            Measured(AMOUNTS, AMOUNTS @ np.array(START) * rng.uniform(1, 1.3, 6)),
+            Measured(1e6 * rng.uniform(1, 9, (6, 3)), rng.uniform(1e-3, 2e-3, 6)),
+        )
+        for kind in CASTS
+    }
+    found = calibrate.fit_all(measured, "here").values()
+    assert len({constants.build[1] for constants in found}) == 1
+    assert len({constants.cast[0] for constants in found}) == 1
+    assert len({constants.build[2] for constants in found}) == len(CASTS)
+    assert len({constants.cast[1] for constants in found}) == len(CASTS)
+
+
+def test_rays_come_in_tiles_of_a_large_picture(device: Device) -> None:
+    for mesh in (calibrate.mountains(), icosphere(4)):
         rays = calibrate.view(mesh)
-        hits = grid.cast(rays.origins, rays.directions, fields=("steps", "batches"))
+        assert division_of(rays).row == rays.directions.shape[1]
+        middle = mesh.bounds.mean(axis=0)
+        across = np.linalg.norm(rays.directions - (middle - rays.origins), axis=-1)
+        assert across.max() == pytest.approx(np.linalg.norm(np.ptp(mesh.bounds, axis=0)) / 2**0.5, rel=0.1)
+        hits = build(mesh, density=4, device=device).cast(rays.origins, rays.directions)
         assert 0.1 < hits.mask.mean() < 0.9
-        return grid.stats.references / grid.stats.triangles, float(hits.steps.mean() / hits.batches.mean())
-
-    mountains, needles = of(calibrate.mountains()), of(calibrate.needles())
-    assert needles[0] > 3 * mountains[0]
-    assert mountains[1] > 3 * needles[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,13 +19,16 @@ from clgrid.grid import build, predict
 from clgrid.hits import COUNTERS as FIELDS
 from clgrid.mesh import Mesh
 from clgrid.procedural import demo, icosphere, terrain
+from clgrid.program import source_folder
 from clgrid.recipe import Options
 from clgrid.scene import default_camera, load_scene
 
 KIND = ("compact", False)
 # Seconds of no device: what the tests of the choice weigh by.
 FIXED = {
-    (layout, skip): calibrate.typical(skip) for layout in ("compact", "hashed") for skip in (False, True)
+    (layout, skip): calibrate.typical((layout, skip))
+    for layout in ("compact", "hashed")
+    for skip in (False, True)
 }
 ASKED = cost.Question(
     kinds=(KIND,),
@@ -35,6 +39,11 @@ ASKED = cost.Question(
     device_memory=2**40,
 )
 
+# Of a ball's grid.
+ONE = Work(
+    triangles=1e5, cells=1e6, references=3e5, full_cells=1e5, steps=40.0, tests=10.0, batches=5.0, across=100
+)  # fmt: skip
+
 ROOMY, TALL = (np.array(size, np.float32) for size in ((1, 1, 4), (1, 1, 40)))
 
 
@@ -42,6 +51,15 @@ def sheets(stretch: np.ndarray, name: str) -> Mesh:
     """A terrain stretched along z."""
     hills = terrain(96)
     return Mesh(hills.vertices * stretch, hills.faces, source=name)
+
+
+def splinters() -> Mesh:
+    """Long thin triangles all over the unit cube: many references for each."""
+    i = np.arange(1 << 14)
+    start = np.stack([i / len(i), i * 0.618033988749895 % 1, i * 0.754877666246693 % 1], -1)
+    corners = start[:, None] + np.array([[0, 0, 0], [0.004, 0, 0], [0, 0.004, 0.2]])
+    faces = np.arange(3 * len(i), dtype=np.uint32).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces, source="splinters")
 
 
 SCENES = {
@@ -65,14 +83,14 @@ def mesh_of(name: str) -> Mesh:
 
 @pytest.mark.parametrize("density", [0.5, 4, 16])
 @pytest.mark.parametrize(
-    "mesh", [icosphere(5), terrain(128), sheets(TALL, "tall"), calibrate.needles()], ids=lambda m: m.source
+    "mesh", [icosphere(5), terrain(128), sheets(TALL, "tall"), splinters()], ids=lambda m: m.source
 )
 def test_counts_are_estimated_before_the_build(mesh: Mesh, density: float, device: Device) -> None:
     stats = build(mesh, density=density, device=device).stats
     found = estimate(sample(mesh), stats.resolution)
     assert found.cells == stats.cells
     assert found.references == pytest.approx(stats.references, rel=0.05)
-    if mesh.source not in ("tall", "needles"):
+    if mesh.source not in ("tall", "splinters"):
         assert found.full_cells == pytest.approx(stats.cells * (1 - stats.empty_share), rel=0.25)
     hashed = sum(predict(mesh, "hashed", density, device=device).values())
     assert estimate_nbytes(found, "hashed", stats.resolution, False) == pytest.approx(hashed, rel=0.35)
@@ -148,7 +166,8 @@ def test_a_cheaper_layout_is_taken() -> None:
 
 def test_of_grids_as_fast_the_smallest_is_taken() -> None:
     both = replace(ASKED, kinds=(("compact", False), ("hashed", False)))
-    best = cost.ranked(cost.candidates(sample(icosphere(6)), both, FIXED))[0]
+    alike = dict.fromkeys(both.kinds, FIXED["compact", False])
+    best = cost.ranked(cost.candidates(sample(icosphere(6)), both, alike))[0]
     assert best.layout == "hashed"
 
 
@@ -306,6 +325,27 @@ def test_tests_are_the_lengths_of_the_lists_that_a_ray_meets(device: Device) -> 
         assert (8 * fine.batches >= fine.tests).all()
 
 
+def test_tiles_pass_more_than_a_ray_does_just_where_they_are_wide() -> None:
+    few, many = (calibrate.typical(KIND).cast_s(ONE, rays) for rays in (2**16, 2**40))
+    assert cost.passed_by_tiles(2.0**40, 10, 20, 1e-6)[1:] == pytest.approx(
+        (2**34 * 10, 2**34 * 20), rel=1e-5
+    )
+    assert cost.passed_by_tiles(64, 10, 20, 1.0) == (64, 20, 80)
+    assert cost.passed_by_tiles(64, 10, 20, 1e3) == cost.passed_by_tiles(64, 10, 20, 1e6)
+    # A ray of few is dearer, as its tile is wider; none is for free.
+    assert 0 < many / 2**40 < few / 2**16
+    assert calibrate.typical(KIND).cast_s(ONE, 0) == 0
+
+
+def test_tiles_of_a_few_cells_are_cast_together() -> None:
+    """As the kernel decides it (``keeps_together`` in cl/slices.h)."""
+    widest = re.search(r"#define WIDEST_SLICE (\d+)", (source_folder() / "slices.h").read_text())
+    assert widest is not None
+    rays, _, most = cost.passed_by_tiles(64, 1, 1, 1e9)
+    assert rays == 64
+    assert most == pytest.approx(int(widest[1]), rel=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_regret_in_counted_work(name: str, device: Device) -> None:
@@ -321,7 +361,7 @@ def test_regret_in_counted_work(name: str, device: Device) -> None:
             full = stats.cells * (1 - stats.empty_share)
             counted[layout, skipping, density] = Work(
                 stats.triangles, stats.cells, stats.references, full,
-                *(float(hits[field].mean()) for field in FIELDS),
+                *(float(hits[field].mean()) for field in FIELDS), max(stats.resolution),
             )  # fmt: skip
     for count in (2**12, 2**16, 2**18, 2**20, 2**22, 2**24):
         for kinds in (tuple(FIXED), (KIND,), (KIND, ("hashed", False))):

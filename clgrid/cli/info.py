@@ -122,7 +122,9 @@ def _reasons(explained: ExplainRecord) -> list[tuple[str, str]]:
     lines.append(("chosen", f"for {explained.rays:,} rays: the least build + cast{bound}"))
     for one in explained.constants:
         seconds = ", ".join(
-            f"{output.seconds(value)} fixed" if name == "fixed" else f"{1e9 * value:.3g} ns a {name}"
+            f"{output.seconds(value)} fixed"
+            if name == "fixed"
+            else f"{1e9 * value:.3g} ns a {name.replace('_', ' ')}"
             for name, value in {**one.build, **one.cast}.items()
         )
         lines.append((f"{one.layout}{'*' * one.skipping}", f"{seconds}; {one.source}"))
