@@ -32,11 +32,16 @@ from clgrid.rays import Rays
 from clgrid.resolution import by_density
 from clgrid.target import DeviceMesh
 
-# Seconds for: a build, a triangle, a reference, a cell. By PoCL and Intel's runtime on two cores of an EPYC:
-# what every fit starts from, and stays near where it says little.
-_TYPICAL_BUILD = (6e-4, 4e-9, 3.8e-9, 2e-10)
-# Seconds for a ray; a cell, a reference that a tile passes. Hashed lists are found in more steps; skipping
-# leaves cells that have lists, mostly.
+# Seconds by PoCL and Intel's runtime on two cores of an EPYC: what every fit starts from, and stays near
+# where it says little. Hashed lists take more steps to find; with skipping, tiles look at few cells but
+# those with lists. Here for a build, a triangle, a reference, a cell.
+_TYPICAL_BUILD = {
+    ("compact", False): (6.0e-4, 4e-9, 3.8e-9, 2e-10),
+    ("compact", True): (6.5e-4, 4e-9, 3.9e-9, 3e-10),
+    ("hashed", False): (7.0e-4, 4e-9, 4.2e-9, 2e-10),
+    ("hashed", True): (7.5e-4, 4e-9, 4.3e-9, 5e-10),
+}
+# For a ray; a cell, a reference that a tile passes.
 _TYPICAL_CAST = {
     ("compact", False): (2e-8, 2.2e-9, 2.4e-9),
     ("compact", True): (2e-8, 7.2e-9, 2.0e-9),
@@ -51,8 +56,9 @@ _PIXELS, _TILES_DOWN, _TILES_ACROSS = 1024, 16, 64
 _WIDE = 1.0
 # A constant may differ from the typical one, once that is scaled to the device, by so much either way.
 _MOST = 10.0
-# Weight of the typical constants beside a measurement: decides what those leave open.
-_PULL = 1.0
+# Weight of the typical constants beside a measurement: decides what those leave open. Then the same of how
+# kinds differ, which is by their kernels more than by the device.
+_PULL, _PULL_TOGETHER = 1.0, 10.0
 _FORMAT = 3
 
 _lock = threading.Lock()
@@ -94,8 +100,8 @@ def constants(device: Device, kinds: Sequence[Kind]) -> dict[Kind, Constants]:
 
 def typical(kind: Kind, source: str = "typical") -> Constants:
     """Constants of no device in particular; those of the compact layout for the historical ones."""
-    cast = _TYPICAL_CAST.get(kind) or _TYPICAL_CAST["compact", kind[1]]
-    return Constants(_TYPICAL_BUILD, cast, source)
+    like = kind if kind in _TYPICAL_CAST else ("compact", kind[1])
+    return Constants(_TYPICAL_BUILD[like], _TYPICAL_CAST[like], source)
 
 
 def cache_name(device: Device, layout: str, skipping: bool) -> str:
@@ -154,38 +160,60 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
     return a, b, c
 
 
-def fit(measured: Measured, start: tuple[float, ...]) -> tuple[float, ...]:
-    """Constants that explain the seconds, near ``start`` scaled to the device where these leave it open.
+def fit(
+    parts: Sequence[Measured], starts: Sequence[Sequence[float]], shared: Sequence[int] = ()
+) -> list[list[float]]:
+    """Constants that explain the seconds, near ``starts`` scaled to the device where these leave it open.
 
     Parameters
     ----------
-    measured : Measured
-    start : tuple of n float
-        Typical constants, seconds.
+    parts : sequence of Measured
+        Of each kind; all have the same n things in their columns.
+    starts : sequence of n float
+        Typical constants of each kind, seconds.
+    shared : sequence of int
+        Columns in which no kind differs from others but by ``starts``; in the rest it may, a little.
+
+    Returns
+    -------
+    list of n float, of each kind
 
     Raises
     ------
     ArithmeticError
         If the seconds are not all above zero and finite.
     """
-    if not (np.isfinite(measured.seconds).all() and (measured.seconds > 0).all()):
-        raise ArithmeticError(f"the clock gave {measured.seconds.tolist()} seconds")
+    seconds = np.concatenate([part.seconds for part in parts])
+    if not (np.isfinite(seconds).all() and (seconds > 0).all()):
+        raise ArithmeticError(f"the clock gave {seconds.tolist()} seconds")
     # Relative errors count, so that small scenes weigh as much as large ones.
-    shares = measured.amounts * np.array(start) / measured.seconds[:, None]
-    scale = 1 / float(np.median(shares.sum(axis=1)))
-    count = len(start)
-    pull = math.sqrt(_PULL) * np.eye(count)
-    rows = np.concatenate([scale * shares, pull])
-    wanted = np.concatenate([np.ones(len(shares)), np.diag(pull)])
-    factors = np.clip(np.linalg.lstsq(rows, wanted, rcond=None)[0], 1 / _MOST, _MOST)
-    return tuple(float(value) for value in scale * factors * np.array(start))
+    shares = [
+        part.amounts * np.array(start) / part.seconds[:, None]
+        for part, start in zip(parts, starts, strict=True)
+    ]
+    scale = 1 / float(np.median(np.concatenate(shares).sum(axis=1)))
+    kinds, count = len(parts), len(starts[0])
+    own = np.array([column not in shared for column in range(count)], np.float64)
+    rows = [
+        np.concatenate([share, *((share * own if other == kind else 0 * share) for other in range(kinds))], 1)
+        for kind, share in enumerate(shares)
+    ]
+    # Factors of all kinds are near 1, and what each kind has beside them is near 0.
+    pulls = np.sqrt([_PULL] * count + [_PULL_TOGETHER] * (kinds * count))
+    wanted = np.concatenate([np.ones(len(seconds)), pulls * (np.arange(len(pulls)) < count)])
+    system = np.concatenate([scale * np.concatenate(rows), np.diag(pulls)])
+    common, *beside = np.linalg.lstsq(system, wanted, rcond=None)[0].reshape(-1, count)
+    return [
+        (scale * np.clip(common + own * each, 1 / _MOST, _MOST) * np.array(start)).tolist()
+        for each, start in zip(beside, starts, strict=True)
+    ]
 
 
 def fit_all(measured: dict[Kind, tuple[Measured, Measured]], source: str) -> dict[Kind, Constants]:
     """Constants of kinds that were measured together.
 
-    Those of triangles and of rays are one for all kinds, so that a disturbance of one of them does not pass
-    for a difference.
+    Those of triangles and of rays are one for all kinds, and others differ little from what is typical of a
+    kind, so that a disturbance of one measurement does not pass for a difference of kinds.
 
     Parameters
     ----------
@@ -199,37 +227,15 @@ def fit_all(measured: dict[Kind, tuple[Measured, Measured]], source: str) -> dic
     """
     builds, casts = ([pair[i] for pair in measured.values()] for i in (0, 1))
     meshes = casts[0].amounts.shape[1] - 2
-    starts = [typical(kind).cast for kind in measured]
-    of_builds = _fit_stacked(builds, [_TYPICAL_BUILD] * len(measured), (1,))
-    of_casts = _fit_stacked(casts, [[ray] * meshes + own for ray, *own in starts], tuple(range(meshes)))
+    starts = [typical(kind) for kind in measured]
+    of_builds = fit(builds, [start.build for start in starts], (1,))
+    of_casts = fit(
+        casts, [[start.cast[0]] * meshes + list(start.cast[1:]) for start in starts], range(meshes)
+    )
     return {
         kind: Constants(_four(built), _three([float(np.mean(cast[:meshes])), *cast[meshes:]]), source)
         for kind, built, cast in zip(measured, of_builds, of_casts, strict=True)
     }
-
-
-def _fit_stacked(
-    parts: Sequence[Measured], starts: Sequence[Sequence[float]], shared: tuple[int, ...]
-) -> list[list[float]]:
-    """Fit parts at once, with the constants of the columns ``shared`` in common."""
-    count = len(starts[0])
-    own = [column for column in range(count) if column not in shared]
-    places = []
-    for number in range(len(parts)):
-        place = np.empty(count, np.intp)
-        place[list(shared)] = np.arange(len(shared))
-        place[own] = len(shared) + number * len(own) + np.arange(len(own))
-        places.append(place)
-    width = len(shared) + len(parts) * len(own)
-    rows, start = [], np.empty(width)
-    for part, begun, place in zip(parts, starts, places, strict=True):
-        wide = np.zeros((len(part.amounts), width))
-        wide[:, place] = part.amounts
-        rows.append(wide)
-        start[place] = begun
-    seconds = np.concatenate([part.seconds for part in parts])
-    fitted = np.array(fit(Measured(np.concatenate(rows), seconds), tuple(start)))
-    return [fitted[place].tolist() for place in places]
 
 
 def measure(device: Device, kinds: Sequence[Kind]) -> dict[Kind, tuple[Measured, Measured]]:

@@ -1,8 +1,8 @@
 """What a grid would cost before it is built, and which of several grids to build.
 
 ``time = build(triangles, references, cells) + tiles * cast(cells, references)``, a straight line in each: the
-amounts from ``estimate``, a device's seconds from ``calibrate``. Rays are taken for those of a picture, cast in
-tiles (cl/slices.h): the more there are, the narrower is a tile, and the fewer cells it passes that one ray
+amounts from ``estimate``, a device's seconds from ``calibrate``. Rays are taken for those of a picture, cast
+in tiles (cl/slices.h): the more there are, the narrower is a tile, and the fewer cells it passes that one ray
 would not. Nothing here decides a hit: every grid gives the same answers.
 """
 

@@ -359,9 +359,10 @@ def test_regret_in_counted_work(name: str, device: Device) -> None:
             hits = grid.cast(*rays, fields=FIELDS)
             stats = grid.stats
             full = stats.cells * (1 - stats.empty_share)
+            means = [float(hits[field].mean()) for field in FIELDS]
             counted[layout, skipping, density] = Work(
                 stats.triangles, stats.cells, stats.references, full,
-                *(float(hits[field].mean()) for field in FIELDS), max(stats.resolution),
+                *means, max(stats.resolution),
             )  # fmt: skip
     for count in (2**12, 2**16, 2**18, 2**20, 2**22, 2**24):
         for kinds in (tuple(FIXED), (KIND,), (KIND, ("hashed", False))):
