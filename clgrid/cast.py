@@ -133,7 +133,8 @@ def cast_in_tiles(
 ) -> int:
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
-    options = {**options, **tuning_of(target.device).defines(target.mesh.triangle_count)}
+    tuning = tuning_of(target.device)
+    options = {**options, **tuning.defines, **tuning.turns(target.mesh.triangle_count)}
     if division.row:
         launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
         return run(target, launch, division, rays, results)

@@ -191,7 +191,7 @@ def _draw(
     device, mesh, parts = grid.device, grid.mesh, grid.standing
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
     rung = grid.rung
-    tuned = tuning_of(device).defines(mesh.triangle_count)
+    tuned = tuning_of(device).defines
     options = {**kernel_options(mesh, aovs), **part_defines(parts), **rung.defines, **tuned}
     allocator = Allocator(device)
     inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]

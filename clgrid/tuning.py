@@ -36,21 +36,33 @@ class Tuning:
     herd: int = 16
     fewest_in_turns: int = 1 << 19
 
-    def defines(self, triangles: int) -> dict[str, int | str]:
-        """The options of kernels that cast tiles of rays through a mesh of so many triangles."""
+    @property
+    def defines(self) -> dict[str, int | str]:
+        """The options of kernels that cast tiles of rays: what differs from the numbers in cl/."""
         options: dict[str, int | str] = {
             "WIDEST_SLICE": f"{self.widest_slice}.0f",
             "FEWEST_TOGETHER": self.fewest_together,
             "REMEMBERED": f"{self.remembered}u",
         }
-        return {**options, "IN_TURNS": self.herd} if triangles >= self.fewest_in_turns else options
+        usual = (_USUAL.widest_slice, _USUAL.fewest_together, _USUAL.remembered)
+        own = (self.widest_slice, self.fewest_together, self.remembered)
+        return {
+            name: value
+            for (name, value), mine, theirs in zip(options.items(), own, usual, strict=True)
+            if mine != theirs
+        }
+
+    def turns(self, triangles: int) -> dict[str, int | str]:
+        """The option with which rays that go alone through a mesh of so many triangles take turns."""
+        return {"IN_TURNS": self.herd} if triangles >= self.fewest_in_turns else {}
 
 
+_USUAL = Tuning()
 # By the start of a device's label; the first that fits.
 _TABLE = (
-    ("intel", Tuning()),
-    ("pocl", Tuning()),
-    ("", Tuning()),
+    ("intel", _USUAL),
+    ("pocl", _USUAL),
+    ("", _USUAL),
 )
 _tried: list[Tuning] = []
 

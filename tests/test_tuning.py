@@ -62,8 +62,13 @@ def test_numbers_tried_hold_within_alone(device: Device) -> None:
 
 def test_turns_are_for_large_meshes() -> None:
     numbers = tuning.Tuning(fewest_in_turns=100, herd=5)
-    assert numbers.defines(100)["IN_TURNS"] == 5
-    assert "IN_TURNS" not in numbers.defines(99)
+    assert numbers.turns(100) == {"IN_TURNS": 5}
+    assert numbers.turns(99) == {}
+
+
+def test_only_what_differs_is_an_option() -> None:
+    assert tuning.Tuning().defines == {}
+    assert tuning.Tuning(remembered=64).defines == {"REMEMBERED": "64u"}
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
