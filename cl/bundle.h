@@ -14,10 +14,20 @@ typedef struct {
     int ku, kv, kd;               // axes; kd is the major one
     float side;                   // 1 if the rays climb it, or -1
     ulong members;                // bits, by number in the tile
-    float8 ou[GROUPS], ov[GROUPS], od[GROUPS], dd[GROUPS];  // origins; the directions' largest component
-    float8 su[GROUPS], sv[GROUPS], sd[GROUPS];              // the shear (shear.h)
+    float8 ou[GROUPS], ov[GROUPS], od[GROUPS];  // origins
+    float8 su[GROUPS], sv[GROUPS], sd[GROUPS];  // the shear (shear.h)
+#ifdef RUNG_FAST
+    float8 moment[GROUPS];        // sv ou - su ov, once straightened (bundle_fast.h)
+    float8 first[GROUPS];         // depth, times `side`, before which no hit matters
+    float8 last[GROUPS];          // the same beyond which; -inf in the lanes of other rays
+    float start;                  // depth of the middle line's origin
+    float middle[2], tilt[2];     // that origin, and the line's slopes
+    float width[2], spread[2];    // half the width of the beam there, and how it grows
+#else
+    float8 dd[GROUPS];            // the directions' largest component
     float8 slack[GROUPS];         // how far behind a hit no other can win
     float8 last[GROUPS];          // t beyond which no hit matters; -inf in the lanes of other rays
+#endif
     float8 deepest;               // of each group: depth, times `side`, beyond which no hit matters
     Beams beams;                  // of the groups
     Beam beam;                    // of all
@@ -31,7 +41,11 @@ int8 members_of(const Bundle *bundle, uint g)
 
 void set_deepest(Bundle *bundle, uint g)
 {
+#ifdef RUNG_FAST
+    const float8 depth = bundle->last[g];
+#else
     const float8 depth = (bundle->od[g] + bundle->last[g] * bundle->dd[g]) * bundle->side;
+#endif
     float deepest[GROUPS];
     vstore8(bundle->deepest, 0, deepest);
     deepest[g] = greatest_of(bundle->last[g] == -INFINITY ? (float8)(-INFINITY) : depth) + BEAM_PAD;
@@ -82,6 +96,16 @@ void set_beams(Bundle *bundle)
     }
 }
 
+void name_axes(Bundle *bundle, ulong members, uint class)
+{
+    bundle->members = members;
+    bundle->kd = (int)(class >> 1);
+    bundle->ku = bundle->kd == 2 ? 0 : bundle->kd + 1;
+    bundle->kv = bundle->ku == 2 ? 0 : bundle->ku + 1;
+    bundle->side = class & 1 ? -1.0f : 1.0f;
+}
+
+#ifndef RUNG_FAST
 // Sets a group's rays; gives t where they start, and where they end if there is no hit.
 #ifdef WIDE_RAYS
 void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
@@ -161,11 +185,7 @@ float8 within_reach(const double *t)
 // Sets up the bundle of the rays `members`, which share `class`. False: none of them is in the grid's depths.
 bool set_bundle(const Tile *tile, ulong members, uint class, __constant const GridParams *grid, Bundle *bundle)
 {
-    bundle->members = members;
-    bundle->kd = (int)(class >> 1);
-    bundle->ku = bundle->kd == 2 ? 0 : bundle->kd + 1;
-    bundle->kv = bundle->ku == 2 ? 0 : bundle->ku + 1;
-    bundle->side = class & 1 ? -1.0f : 1.0f;
+    name_axes(bundle, members, class);
     float8 least = (float8)(INFINITY), greatest = (float8)(-INFINITY);
     for (uint g = 0; g < GROUPS; ++g) {
         double first[LANES], last[LANES];
@@ -187,6 +207,7 @@ bool set_bundle(const Tile *tile, ulong members, uint class, __constant const Gr
     set_beams(bundle);
     return true;
 }
+#endif
 
 // Of the rays `pending`, those of the first one's class: its major axis, twice, plus one if it descends it.
 #ifdef WIDE_RAYS

@@ -4,6 +4,17 @@
 #define CLG_BUNDLE_KEEP_H
 #include "bundle.h"
 
+Triangles along_axes(const Corners8 *p, int kd)
+{
+    const Triangles x = {p->a.y, p->a.z, p->a.x, p->b.y, p->b.z, p->b.x, p->c.y, p->c.z, p->c.x};
+    const Triangles y = {p->a.z, p->a.x, p->a.y, p->b.z, p->b.x, p->b.y, p->c.z, p->c.x, p->c.y};
+    const Triangles z = {p->a.x, p->a.y, p->a.z, p->b.x, p->b.y, p->b.z, p->c.x, p->c.y, p->c.z};
+    return kd == 0 ? x : kd == 1 ? y : z;
+}
+
+#ifdef RUNG_FAST
+#include "bundle_fast.h"
+#else
 // A triangle as eight rays see it (shear.h), and its edge functions.
 typedef struct {
     float8 ax, ay, az, bx, by, bz, cx, cy, cz;
@@ -162,14 +173,6 @@ void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Triangle *p, uint i
     set_deepest(bundle, g);
 }
 
-Triangles along_axes(const Corners8 *p, int kd)
-{
-    const Triangles x = {p->a.y, p->a.z, p->a.x, p->b.y, p->b.z, p->b.x, p->c.y, p->c.z, p->c.x};
-    const Triangles y = {p->a.z, p->a.x, p->a.y, p->b.z, p->b.x, p->b.y, p->c.z, p->c.x, p->c.y};
-    const Triangles z = {p->a.x, p->a.y, p->a.z, p->b.x, p->b.y, p->b.z, p->c.x, p->c.y, p->c.z};
-    return kd == 0 ? x : kd == 1 ? y : z;
-}
-
 // 1 to 8 triangles, for the groups whose bits are set in `alive`.
 __attribute__((noinline))
 void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
@@ -197,4 +200,5 @@ void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uin
     }
 }
 
+#endif
 #endif

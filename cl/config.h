@@ -3,8 +3,10 @@
 #define CLG_CONFIG_H
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#ifndef RUNG_FAST
 // a*b-c*d must round both products alike, or edges of neighbours leak (Woop et al. 2013).
 #pragma OPENCL FP_CONTRACT OFF
+#endif
 
 #define NO_HIT 0xFFFFFFFFu
 

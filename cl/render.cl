@@ -7,9 +7,16 @@
 //   t_errs   WITH_T_ERR: bound on the error of t, in lengths of the ray, 0 on a miss
 //   nearest  PARTS: the nearest hit in the parts before (parts.h); they left their pixels
 #include "camera.h"
-#include "shade.h"
 #include "tile.h"
+#ifdef RUNG_FAST
+#ifndef ALONE
+#include "camera_fast.h"
+#endif
+#include "shade_fast.h"
+#else
+#include "shade.h"
 #include "weights.h"
+#endif
 #ifdef PARTS
 #include "parts.h"
 #endif
@@ -26,6 +33,9 @@ uint number_in_tile(uint x, uint y)
 void load_camera_rays(Tile *tile, __constant const CameraParams *camera, __constant const FrameParams *frame, uint left,
                       uint top)
 {
+#if defined(RUNG_FAST) && !defined(ALONE)
+    set_camera_rays(tile, camera, frame, left, top);
+#else
     const double t_min[4] = {0.0, 0.0, 0.0, 0.0}, t_max[4] = {INFINITY, INFINITY, INFINITY, INFINITY};
     double eyes[3][4], views[3][4];
     for (int a = 0; a < 3; ++a)
@@ -35,6 +45,7 @@ void load_camera_rays(Tile *tile, __constant const CameraParams *camera, __const
             camera_directions(camera, left + x, top + y, views);
             set_rays(tile, number_in_tile(x, y), eyes, views, t_min, t_max, frame);
         }
+#endif
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -81,12 +92,23 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         }
     tile.reach &= shown;
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
+#ifdef RUNG_FAST
+    Shaded shaded;
+    shade_tile(&tile, MESH_ARGUMENTS,
+#ifdef SMOOTH_NORMALS
+               vertex_normals,
+#endif
+               &shaded);
+#endif
     for (uint y = top; y < bottom; ++y)
         for (uint x = left; x < right; x += 4) {
             const uint k = number_in_tile(x - left, y - top);
             const size_t pixel = (size_t)y * camera->width + x;
             const uint4 found = ids_of_4(&tile, k);
             const int4 missed = found == NO_HIT;
+#ifdef RUNG_FAST
+            const float4 light = vload4(0, shaded.light + k);
+#else
             Vectors normal = {(double4)(0.0), (double4)(0.0), (double4)(0.0)};
             float4 light = (float4)(0.0f);
             if (!all(missed)) {
@@ -103,13 +125,20 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #endif
                 light = headlights(&normal, &view);
             }
+#endif
             float lights[4];
             vstore4(light, 0, lights);
 #ifdef AOV_NORMAL
             float x_of[4], y_of[4], z_of[4];
+#ifdef RUNG_FAST
+            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[0] + k), 0, x_of);
+            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[1] + k), 0, y_of);
+            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[2] + k), 0, z_of);
+#else
             vstore4(missed ? (float4)(0.0f) : convert_float4(normal.x), 0, x_of);
             vstore4(missed ? (float4)(0.0f) : convert_float4(normal.y), 0, y_of);
             vstore4(missed ? (float4)(0.0f) : convert_float4(normal.z), 0, z_of);
+#endif
 #endif
             for (uint i = 0; i < 4 && x + i < right; ++i) {
                 const Hit hit = hit_of(&tile, k + i);

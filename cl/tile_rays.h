@@ -5,8 +5,8 @@
 #include "lanes.h"
 #include "triangle.h"
 
-#if defined(COUNT_STEPS) || defined(QUERY_EACH) || defined(RUNG_FAST)
-// Each ray is cast alone: its cells are counted, or crossings by cell, or the rung has packets of its own.
+#if defined(COUNT_STEPS) || defined(QUERY_EACH)
+// Each ray is cast alone: its cells are counted, or crossings by cell.
 #define ALONE
 #endif
 

@@ -208,11 +208,7 @@ def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fiel
         nearest = [np.zeros((count, rung.nearest_reals), rung.real)]
         nearest[0][:, 0] = np.inf
     options = {**part_defines(parts), **field_defines(fields)}
-    name, filled = rung.kernel("cast_closest"), [*results.values(), *nearest]
-    if rung.packets:
-        invalid = run(target, grid_launch(name, target, parts, options), Division(), rays, filled)
-    else:
-        invalid = cast_in_tiles(name, target, parts, options, rays, filled)
+    invalid = cast_in_tiles("cast_closest", target, parts, options, rays, [*results.values(), *nearest])
     return hits_of(target.mesh, rays, results, invalid)
 
 

@@ -209,8 +209,7 @@ def _draw(
         outputs = [allocator.results(piece) for piece in pieces]
         tiles = tiles_across * -(-(last - first) // _TILE)
         for part in parts:
-            name = rung.kernel("render")
-            draw = kernel(device, f"{name}.cl", name, **options, **part.defines)
+            draw = kernel(device, "render.cl", "render", **options, **part.defines)
             draw(
                 device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
                 np.uint32(last - first), *colour, *normals, *outputs,

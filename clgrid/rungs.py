@@ -23,8 +23,6 @@ class Rung:
         Whether vertices keep the digits of float64.
     lossless : bool
         Whether a grid's hits are those of brute force, bit for bit.
-    packets : bool
-        Whether pictures and nearest hits have kernels of their own, that cast rays side by side.
     nearest_reals : int
         Of ``real`` that a nearest hit takes on its way from one part of a mesh to the next (cl/parts.h).
     """
@@ -34,16 +32,11 @@ class Rung:
     real: type[np.floating[Any]]
     wide: bool
     lossless: bool
-    packets: bool = False
     nearest_reals: int = 1
-
-    def kernel(self, name: str) -> str:
-        """The kernel of that name for this rung, which is also its file's."""
-        return f"{name}_fast" if self.packets else name
 
 
 _ALL = (
-    Rung("fast", {"RUNG_FAST": 1}, np.float32, wide=False, lossless=False, packets=True),
+    Rung("fast", {"RUNG_FAST": 1}, np.float32, wide=False, lossless=False),
     Rung("robust", {}, np.float32, wide=False, lossless=True),
     Rung("precise", {"RUNG_PRECISE": 1}, np.float64, wide=True, lossless=True),
     Rung("exact", {"RUNG_EXACT": 1}, np.float64, wide=True, lossless=True, nearest_reals=11),
