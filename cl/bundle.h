@@ -23,6 +23,9 @@ typedef struct {
     float start;                  // depth of the middle line's origin
     float middle[2], tilt[2];     // that origin, and the line's slopes
     float width[2], spread[2];    // half the width of the beam there, and how it grows
+    float bounds[4][GROUPS], slopes[4][GROUPS];  // the groups' beams, as seen from there
+    uint8 found[GROUPS];          // triangles met
+    uint stale;                   // bits: groups whose `deepest` may be less
 #else
     float8 dd[GROUPS];            // the directions' largest component
     float8 slack[GROUPS];         // how far behind a hit no other can win
@@ -53,8 +56,12 @@ void set_deepest(Bundle *bundle, uint g)
 }
 
 // Groups that a hit at this depth, or deeper, may matter to.
-uint groups_alive(const Bundle *bundle, float depth)
+uint groups_alive(Bundle *bundle, float depth)
 {
+#ifdef RUNG_FAST
+    for (; bundle->stale != 0; bundle->stale &= bundle->stale - 1)
+        set_deepest(bundle, lowest_of_32(bundle->stale));
+#endif
     return bits_of(depth * bundle->side - BEAM_PAD <= bundle->deepest);
 }
 

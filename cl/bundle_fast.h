@@ -30,6 +30,7 @@ void load_group(const Tile *tile, Bundle *bundle, uint g, float8 *least, float8 
     bundle->su[g] = vload8(g, tile->d[bundle->ku]) * inverse;
     bundle->sv[g] = vload8(g, tile->d[bundle->kv]) * inverse;
     bundle->sd[g] = inverse;
+    bundle->found[g] = (uint8)(NO_HIT);
     const int8 own = members_of(bundle, g);
     const float8 end = min(local_t(tile, g, tile->t_max), vload8(g, tile->t));
     bundle->first[g] = (od + local_t(tile, g, tile->t_min) * dd) * bundle->side;
@@ -52,8 +53,8 @@ void straighten(Bundle *bundle)
         bundle->spread[i] = 0.5f * (beam->slope[2 * i + 1] - beam->slope[2 * i]);
         bundle->width[i] = 0.5f * (beam->at[2 * i + 1] - beam->at[2 * i]) + bundle->spread[i] * start;
         for (int j = 2 * i; j < 2 * i + 2; ++j) {
-            bundle->beams.at[j] = bundle->beams.at[j] + bundle->beams.slope[j] * start - middle;
-            bundle->beams.slope[j] = bundle->beams.slope[j] - tilt;
+            vstore8(bundle->beams.at[j] + bundle->beams.slope[j] * start - middle, 0, bundle->bounds[j]);
+            vstore8(bundle->beams.slope[j] - tilt, 0, bundle->slopes[j]);
         }
     }
     for (uint g = 0; g < GROUPS; ++g) {
@@ -79,8 +80,7 @@ bool set_bundle(const Tile *tile, ulong members, uint class, __constant const Gr
     bundle->to = min(climbs ? far : -near, (float)grid->upper[bundle->kd] + BEAM_PAD);
     if (!(bundle->from < bundle->to))
         return false;
-    for (uint g = 0; g < GROUPS; ++g)
-        set_deepest(bundle, g);
+    bundle->stale = (1u << GROUPS) - 1u;
     set_beams(bundle);
     straighten(bundle);
     return true;
@@ -148,61 +148,53 @@ uint near_beam(const Bundle *bundle, const Prepared *p)
     return bits_of(~apart);
 }
 
-// To which groups a box may be near.
-uint near_groups(const Beams *beams, const float *low, const float *high)
+// Which of eight triangles may come near a ray of a group.
+uint near_group(const Bundle *bundle, uint g, const Prepared *p)
 {
     int8 apart = (int8)(0);
     for (int i = 0; i < 2; ++i) {
-        const float8 least = beams->at[2 * i] + min(beams->slope[2 * i] * low[2], beams->slope[2 * i] * high[2]);
-        const float8 greatest = beams->at[2 * i + 1]
-                                + max(beams->slope[2 * i + 1] * low[2], beams->slope[2 * i + 1] * high[2]);
-        apart |= (low[i] > greatest) | (high[i] < least);
+        const float low = bundle->slopes[2 * i][g], high = bundle->slopes[2 * i + 1][g];
+        apart |= p->high[i] < bundle->bounds[2 * i][g] + min(low * p->low[2], low * p->high[2]);
+        apart |= p->low[i] > bundle->bounds[2 * i + 1][g] + max(high * p->low[2], high * p->high[2]);
     }
     return bits_of(~apart);
 }
 
-#define NUMBERS 22  // of a triangle in Prepared
+#define NUMBERS 16  // of a triangle in Prepared that rays need
 
 void store_numbers(const Prepared *p, float numbers[NUMBERS][LANES])
 {
-    for (int i = 0; i < 3; ++i) {
-        vstore8(p->low[i], 0, numbers[i]);
-        vstore8(p->high[i], 0, numbers[3 + i]);
-    }
     for (int i = 0; i < 6; ++i) {
-        vstore8(p->second.at[i], 0, numbers[6 + i]);
-        vstore8(p->third.at[i], 0, numbers[12 + i]);
+        vstore8(p->second.at[i], 0, numbers[i]);
+        vstore8(p->third.at[i], 0, numbers[6 + i]);
     }
-    vstore8(p->nu, 0, numbers[18]);
-    vstore8(p->nv, 0, numbers[19]);
-    vstore8(p->nz, 0, numbers[20]);
-    vstore8(p->plane, 0, numbers[21]);
+    vstore8(p->nu, 0, numbers[12]);
+    vstore8(p->nv, 0, numbers[13]);
+    vstore8(p->nz, 0, numbers[14]);
+    vstore8(p->plane, 0, numbers[15]);
 }
 
-// The nearest becomes the hit of each ray of a group that meets triangle i. Ties go to the lowest id.
-void keep_of_group(Tile *tile, Bundle *bundle, uint g, float numbers[NUMBERS][LANES], uint i, uint id)
+// The nearest is kept of each ray of a group that meets triangle i; ties go to the lowest id. Without branches: half
+// of the tests find something.
+void keep_of_group(Bundle *bundle, uint g, float numbers[NUMBERS][LANES], uint i, uint id)
 {
     const float8 u = bundle->ou[g], v = bundle->ov[g], su = bundle->su[g], sv = bundle->sv[g], m = bundle->moment[g];
-    const float8 inverse = 1.0f / (numbers[18][i] * su + numbers[19][i] * sv + numbers[20][i]);
-    const float8 second = numbers[6][i] + numbers[7][i] * su + numbers[8][i] * sv + numbers[9][i] * u + numbers[10][i] * v
-                          + numbers[11][i] * m;
-    const float8 third = numbers[12][i] + numbers[13][i] * su + numbers[14][i] * sv + numbers[15][i] * u
-                         + numbers[16][i] * v + numbers[17][i] * m;
-    const float8 z = (numbers[21][i] - numbers[18][i] * u - numbers[19][i] * v) * inverse;
-    const float8 coordinate = z + bundle->start, depth = coordinate * bundle->side, last = bundle->last[g];
-    const int8 open = are_inside(second * inverse, third * inverse) & (depth >= bundle->first[g]) & (depth <= last);
-    if (!any(open))
-        return;
-    const uint8 ids = vload8(g, tile->ids);
-    const int8 takes = open & ((depth < last) | as_int8((uint8)(id) < ids));
-    vstore8(takes ? (coordinate - bundle->od[g]) * bundle->sd[g] : vload8(g, tile->t), g, tile->t);
-    vstore8(takes ? (uint8)(id) : ids, g, tile->ids);
+    const float8 inverse = 1.0f / (numbers[12][i] * su + numbers[13][i] * sv + numbers[14][i]);
+    const float8 second = numbers[0][i] + numbers[1][i] * su + numbers[2][i] * sv + numbers[3][i] * u + numbers[4][i] * v
+                          + numbers[5][i] * m;
+    const float8 third = numbers[6][i] + numbers[7][i] * su + numbers[8][i] * sv + numbers[9][i] * u
+                         + numbers[10][i] * v + numbers[11][i] * m;
+    const float8 z = (numbers[15][i] - numbers[12][i] * u - numbers[13][i] * v) * inverse;
+    const float8 depth = (z + bundle->start) * bundle->side, last = bundle->last[g];
+    const uint8 found = bundle->found[g];
+    const int8 takes = are_inside(second * inverse, third * inverse) & (depth >= bundle->first[g])
+                       & ((depth < last) | ((depth == last) & ((uint8)(id) < found)));
+    bundle->found[g] = takes ? (uint8)(id) : found;
 #ifdef QUERY_ANY
     bundle->last[g] = takes ? (float8)(-INFINITY) : last;
 #else
     bundle->last[g] = takes ? depth : last;
 #endif
-    set_deepest(bundle, g);
 }
 
 // 1 to 8 triangles, for the groups whose bits are set in `alive`.
@@ -212,17 +204,31 @@ void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uin
     const Corners8 corners = gather_corners(vertices, faces, ids, count);
     const Triangles along = along_axes(&corners, bundle->kd);
     const Prepared p = prepare(bundle, &along);
-    uint near = near_beam(bundle, &p) & ((1u << count) - 1u);
+    const uint near = near_beam(bundle, &p) & ((1u << count) - 1u);
     if (near == 0)
         return;
+    // Bit 8 * g + i: group g and triangle i. In one loop: the ends of many short ones could not be foretold.
+    ulong pairs = 0;
+    for (uint g = 0; g < GROUPS; ++g)
+        pairs |= (ulong)(near_group(bundle, g, &p) & (0u - (alive >> g & 1u)) & near) << (LANES * g);
     float numbers[NUMBERS][LANES];
     store_numbers(&p, numbers);
-    for (; near != 0; near &= near - 1) {
-        const uint i = lowest_of_32(near);
-        const float low[3] = {numbers[0][i], numbers[1][i], numbers[2][i]};
-        const float high[3] = {numbers[3][i], numbers[4][i], numbers[5][i]};
-        for (uint groups = alive & near_groups(&bundle->beams, low, high); groups != 0; groups &= groups - 1)
-            keep_of_group(tile, bundle, lowest_of_32(groups), numbers, i, ids[i]);
+    for (; pairs != 0; pairs &= pairs - 1) {
+        const uint pair = lowest_of_64(pairs), g = pair / LANES, i = pair % LANES;
+        keep_of_group(bundle, g, numbers, i, ids[i]);
+        bundle->stale |= 1u << g;
+    }
+}
+
+// Gives the tile what the bundle's rays found.
+void settle(Tile *tile, const Bundle *bundle)
+{
+    for (uint g = 0; g < GROUPS; ++g) {
+        const uint8 found = bundle->found[g], ids = vload8(g, tile->ids);
+        const int8 has = found != NO_HIT;
+        const float8 t = (bundle->last[g] * bundle->side - bundle->od[g]) * bundle->sd[g];
+        vstore8(has ? found : ids, g, tile->ids);
+        vstore8(has ? t : vload8(g, tile->t), g, tile->t);
     }
 }
 

@@ -69,6 +69,10 @@ void cast_tile(Tile *tile, GRID_PARAMETERS, MESH_PARAMETERS)
         else if (set_bundle(tile, members, class, grid, &bundle)
                  && !walk_slices(tile, &bundle, GRID_ARGUMENTS, MESH_ARGUMENTS))
             tile->alone |= members;
+#ifdef RUNG_FAST
+        else
+            settle(tile, &bundle);
+#endif
     }
     cast_alone(tile, tile->alone & tile->reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #endif
