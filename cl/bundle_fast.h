@@ -1,6 +1,6 @@
-// Rung `fast`: bundles in float32. A ray is told from the bundle's middle line: at depth z beyond `start`, as seen along
-// that line, it is at (u + su z, v + sv z). These are small numbers, and a vertex that triangles share is the same
-// point to all. A triangle's weights are linear in (su, sv, u, v, m), m = sv u - su v (Moeller & Trumbore 1997, in
+// Rung `fast`: bundles in float32. A ray is told from the bundle's middle line: at depth z beyond `start`, as seen
+// along that line, it is at (u + su z, v + sv z). These are small numbers, and a vertex that triangles share is the
+// same point to all. A triangle's weights are linear in (su, sv, u, v, m), m = sv u - su v (Moeller & Trumbore 1997, in
 // Pluecker's coordinates): what they are made of is computed for eight triangles at once, and shared by all rays.
 #ifndef CLG_BUNDLE_FAST_H
 #define CLG_BUNDLE_FAST_H
@@ -91,14 +91,14 @@ typedef struct {
     float8 at[6];
 } Forms;
 
-// Boxes of eight triangles as seen along the middle line, and what their weights and depths are made of.
+// Boxes of eight triangles as seen along the middle line (u, v, depth), and what weights and depths are made of.
 typedef struct {
     float8 low[3], high[3];
     Forms second, third;              // weights times the determinant
     float8 nu, nv, nz, plane;         // normal; its product with the corners
 } Prepared;
 
-// The side of a ray on which the edge from p to q passes.
+// On which side of a ray the edge from p to q passes, as six times the volume of the tetrahedron between them.
 Forms edge_forms(float8 pu, float8 pv, float8 pz, float8 qu, float8 qv, float8 qz)
 {
     Forms f;
@@ -180,8 +180,8 @@ void keep_of_group(Bundle *bundle, uint g, float numbers[NUMBERS][LANES], uint i
 {
     const float8 u = bundle->ou[g], v = bundle->ov[g], su = bundle->su[g], sv = bundle->sv[g], m = bundle->moment[g];
     const float8 inverse = 1.0f / (numbers[12][i] * su + numbers[13][i] * sv + numbers[14][i]);
-    const float8 second = numbers[0][i] + numbers[1][i] * su + numbers[2][i] * sv + numbers[3][i] * u + numbers[4][i] * v
-                          + numbers[5][i] * m;
+    const float8 second = numbers[0][i] + numbers[1][i] * su + numbers[2][i] * sv + numbers[3][i] * u
+                          + numbers[4][i] * v + numbers[5][i] * m;
     const float8 third = numbers[6][i] + numbers[7][i] * su + numbers[8][i] * sv + numbers[9][i] * u
                          + numbers[10][i] * v + numbers[11][i] * m;
     const float8 z = (numbers[15][i] - numbers[12][i] * u - numbers[13][i] * v) * inverse;

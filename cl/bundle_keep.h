@@ -1,5 +1,6 @@
 // What the rays of a bundle keep of a triangle: candidates by the shear of shear.h, eight rays at a time, then
 // the rung's own test (triangle.h), or, for `robust`, the same operations four rays at a time.
+//   RUNG_FAST   the rung has a test of its own (bundle_fast.h)
 #ifndef CLG_BUNDLE_KEEP_H
 #define CLG_BUNDLE_KEEP_H
 #include "bundle.h"

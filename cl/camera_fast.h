@@ -13,7 +13,7 @@ double t_near(const double *o, const double *d)
     return fmax(middle - START_LIMIT / sqrt(square), 0.0);
 }
 
-// Columns and rows of a group's pixels (render.cl).
+// The rays of the pixels from (left, top) on; a group is 4 x 2 of them, as in render.cl.
 void set_camera_rays(Tile *tile, __constant const CameraParams *camera, __constant const FrameParams *frame, uint left,
                      uint top)
 {

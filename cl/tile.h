@@ -71,7 +71,7 @@ void cast_tile(Tile *tile, GRID_PARAMETERS, MESH_PARAMETERS)
             tile->alone |= members;
 #ifdef RUNG_FAST
         else
-            settle(tile, &bundle);
+            settle(tile, &bundle);  // nothing, if the bundle was not set
 #endif
     }
     cast_alone(tile, tile->alone & tile->reach, GRID_ARGUMENTS, MESH_ARGUMENTS);

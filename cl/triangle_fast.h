@@ -1,5 +1,5 @@
 // Rung `fast`: Moeller & Trumbore 1997 in float32. It promises nothing; a ray may pass between triangles that
-// share an edge, seldom for want of OUTSIDE. Pictures and nearest hits go through packet.h instead.
+// share an edge, seldom for want of OUTSIDE. Rays of a bundle take the same test in another form (bundle_fast.h).
 #ifndef CLG_TRIANGLE_FAST_H
 #define CLG_TRIANGLE_FAST_H
 #include "gather.h"

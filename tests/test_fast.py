@@ -121,8 +121,5 @@ def test_no_mesh_is_too_strange(name: str, device: Device) -> None:
     mesh = MESHES[name]
     rays = random_rays(mesh, 2000, seed=5)
     hits = build(mesh, density=4, device=device, accuracy="fast").cast(rays.origins, rays.directions)
-    if np.abs(rays.directions).max() > 2.0**120:
-        assert hits.invalid_rays == 2000  # beyond what this rung takes
-        return
     truth = brute_force(mesh, rays.origins, rays.directions, device=device)
     assert (hits.mask != truth.mask).mean() < 0.02
