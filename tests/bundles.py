@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from agreement import Query
+from agreement import Query, assert_same, fields_of
 from rays import NEARLY_ZERO, Surroundings
 
 from clgrid import cast
+from clgrid.brute import brute_force, brute_force_count
+from clgrid.camera import Camera
+from clgrid.device import Device
+from clgrid.grid import Grid, build
+from clgrid.hits import Hits
+from clgrid.mesh import Mesh
 from clgrid.tiles import Division
 
 F64 = npt.NDArray[np.float64]
 Point = Callable[[Surroundings, np.random.Generator], F64]
 
 TILE = 64
+GRID: dict[str, Any] = {"resolution": (5, 4, 6)}
 _U, _V = (side.reshape(-1, 1) for side in np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 8)))
 
 
@@ -206,3 +214,53 @@ def around_hits(rays: Query, t_hit: F64, rng: np.random.Generator) -> Query:
     on = ((kind == 5) & rows)[:, None]
     with np.errstate(all="ignore"):
         return np.where(on, o + t[:, None] * d, o), np.where(on, -d, d), low, high
+
+
+# --- rays of any shape against brute force ---------------------------------------------------------------
+
+
+def shaped(
+    o: npt.ArrayLike, d: npt.ArrayLike, low: npt.ArrayLike = 0.0, high: npt.ArrayLike = np.inf
+) -> Query:
+    """Rays of any leading shape, each with its own interval, so that few variants of kernels are compiled."""
+    origins, directions = (np.array(side) for side in np.broadcast_arrays(np.asarray(o), np.asarray(d)))
+    t_min, t_max = (np.array(np.broadcast_to(side, origins.shape[:-1]), np.float64) for side in (low, high))
+    return origins, directions, t_min, t_max
+
+
+def assert_brute(
+    mesh: Mesh, device: Device, accuracy: str, rays: Query, grids: Sequence[Grid | dict[str, Any]] = (GRID,)
+) -> Hits:
+    """Every bit of cast, count and occluded is that of brute force; what brute force finds."""
+    expected = brute_force(mesh, *rays, device=device, accuracy=accuracy, fields=fields_of(accuracy))
+    counts = brute_force_count(mesh, *rays, device=device, accuracy=accuracy)
+    np.testing.assert_array_equal(expected.mask, counts > 0)
+    for options in grids:
+        grid = options
+        if not isinstance(grid, Grid):
+            grid = build(mesh, accuracy=accuracy, device=device, **grid)
+        assert_same(grid.cast(*rays, fields=fields_of(accuracy)), expected)
+        np.testing.assert_array_equal(grid.count(*rays), counts)
+        np.testing.assert_array_equal(grid.occluded(*rays), counts > 0)
+    return expected
+
+
+def view(
+    eye: npt.ArrayLike, width: int, height: int, fov: float = 40.0, at: npt.ArrayLike = (0, 0, 0)
+) -> Query:
+    return shaped(*Camera.look_at(eye, at, (0.1, 0.9, 0.2), fov).rays(width, height))
+
+
+def orders(rays: Query, rng: np.random.Generator) -> Iterator[tuple[str, Query]]:
+    """The same rays as they may come: as an image, in rows, with gaps, shuffled, reversed."""
+    flat = tuple(side.reshape(-1, *side.shape[2:]) for side in rays)
+    count = len(flat[0])
+    yield "an image", rays
+    for name, rows in (
+        ("rows", np.arange(count)),
+        ("rows with gaps", np.flatnonzero(rng.random(count) < 0.7)),
+        ("shuffled", rng.permutation(count)),
+        ("reversed", np.arange(count)[::-1]),
+    ):
+        o, d, low, high = (np.ascontiguousarray(side[rows]) for side in flat)
+        yield name, (o, d, low, high)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from agreement import RUNGS, Query, assert_same, fields_of
-from bundles import TILE, around_hits, bundles, tiles_as_given
+from agreement import RUNGS, Query
+from bundles import GRID, TILE, around_hits, assert_brute, bundles, orders, shaped, tiles_as_given, view
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from meshes import MESHES, lattice_box, moved, scaled, soup, torus
@@ -21,63 +20,13 @@ from clgrid import cast, memory, procedural, target
 from clgrid.brute import brute_force, brute_force_count
 from clgrid.camera import Camera
 from clgrid.device import Device
-from clgrid.grid import Grid, build
+from clgrid.grid import build
 from clgrid.hits import Hits
 from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
-from clgrid.rays import as_bounded_rays
-from clgrid.tiles import Division, division_of
 
 F64 = npt.NDArray[np.float64]
-GRID: dict[str, Any] = {"resolution": (5, 4, 6)}
 RESOLUTIONS = ((5, 4, 6), (8, 8, 8), (1, 1, 1), (1, 1, 40), (33, 2, 3), (24, 24, 24))
-
-
-def shaped(
-    o: npt.ArrayLike, d: npt.ArrayLike, low: npt.ArrayLike = 0.0, high: npt.ArrayLike = np.inf
-) -> Query:
-    """Rays of any leading shape, each with its own interval, so that few variants of kernels are compiled."""
-    origins, directions = (np.array(side) for side in np.broadcast_arrays(np.asarray(o), np.asarray(d)))
-    t_min, t_max = (np.array(np.broadcast_to(side, origins.shape[:-1]), np.float64) for side in (low, high))
-    return origins, directions, t_min, t_max
-
-
-def assert_brute(
-    mesh: Mesh, device: Device, accuracy: str, rays: Query, grids: Sequence[Grid | dict[str, Any]] = (GRID,)
-) -> Hits:
-    """Every bit of cast, count and occluded is that of brute force; what brute force finds."""
-    expected = brute_force(mesh, *rays, device=device, accuracy=accuracy, fields=fields_of(accuracy))
-    counts = brute_force_count(mesh, *rays, device=device, accuracy=accuracy)
-    np.testing.assert_array_equal(expected.mask, counts > 0)
-    for options in grids:
-        grid = options
-        if not isinstance(grid, Grid):
-            grid = build(mesh, accuracy=accuracy, device=device, **grid)
-        assert_same(grid.cast(*rays, fields=fields_of(accuracy)), expected)
-        np.testing.assert_array_equal(grid.count(*rays), counts)
-        np.testing.assert_array_equal(grid.occluded(*rays), counts > 0)
-    return expected
-
-
-def view(
-    eye: npt.ArrayLike, width: int, height: int, fov: float = 40.0, at: npt.ArrayLike = (0, 0, 0)
-) -> Query:
-    return shaped(*Camera.look_at(eye, at, (0.1, 0.9, 0.2), fov).rays(width, height))
-
-
-def orders(rays: Query, rng: np.random.Generator) -> Iterator[tuple[str, Query]]:
-    """The same rays as they may come: as an image, in rows, with gaps, shuffled, reversed."""
-    flat = tuple(side.reshape(-1, *side.shape[2:]) for side in rays)
-    count = len(flat[0])
-    yield "an image", rays
-    for name, rows in (
-        ("rows", np.arange(count)),
-        ("rows with gaps", np.flatnonzero(rng.random(count) < 0.7)),
-        ("shuffled", rng.permutation(count)),
-        ("reversed", np.arange(count)[::-1]),
-    ):
-        o, d, low, high = (np.ascontiguousarray(side[rows]) for side in flat)
-        yield name, (o, d, low, high)
 
 
 # --- tiles of every kind -------------------------------------------------------------------------------
@@ -353,82 +302,6 @@ def test_views_of_all_kinds(name: str, accuracy: str, device: Device) -> None:
     views.append(shaped(points, -near[1][hits.mask], np.where(rng.random(len(points)) < 0.5, -1.0, 0.0)))
     for rays in views:
         assert_brute(mesh, device, accuracy, rays, grids)
-
-
-# --- how rays are divided ------------------------------------------------------------------------------
-
-
-def division(rays: Query) -> Division:
-    return division_of(as_bounded_rays(*rays))
-
-
-@pytest.mark.parametrize(("width", "height"), [(16, 16), (17, 30), (64, 64), (65, 33), (100, 77), (640, 48)])
-def test_rows_of_images_are_found(width: int, height: int) -> None:
-    rng = np.random.default_rng(30)
-    found = {name: division(rays).row for name, rays in orders(view((1, 2, 3), width, height), rng)}
-    expected = {"an image": width, "rows": width, "rows with gaps": 0, "shuffled": 0, "reversed": width}
-    assert found == expected
-
-
-@pytest.mark.parametrize("shape", [(5000,), (100, 50), (2, 100, 50), (0,), (0, 50), (50, 0), (3, 100), ()])
-def test_there_are_no_rows_in_random_rays(shape: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(31)
-    o, d = rng.normal(size=(2, *shape, 3))
-    assert division(shaped(o, d)) == Division()
-    assert division(shaped(np.full((*shape, 3), np.nan), d)) == Division()
-    assert division(shaped(o, np.full((*shape, 3), np.inf))) == Division()
-
-
-@pytest.mark.parametrize(("row", "count"), [(16, 128), (17, 17 * 30), (100, 800), (0, 1), (0, 65), (0, 4095)])
-def test_every_ray_is_in_one_work_item(row: int, count: int) -> None:
-    """As ray_in_tile of cl/rays_in_out.h deals them."""
-    size = Division(row)
-    k = np.arange(TILE)
-    if row:
-        g, lane, tile = k // 8, k % 8, np.arange(size.items(count))[:, None]
-        across = -(-row // 8)
-        x, y = tile % across * 8 + g % 2 * 4 + lane % 4, tile // across * 8 + g // 2 * 2 + lane // 4
-        rays = np.where(x < row, y * row + x, count)
-    else:
-        rays = np.arange(size.items(count))[:, None] * TILE + k
-    np.testing.assert_array_equal(np.sort(rays[rays < count]), np.arange(count))
-
-
-@pytest.mark.parametrize("most", [1000, 1600, 4096, 10_000])
-def test_launches_of_bounded_size_change_no_bit(
-    most: int, device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mesh, rng = MESHES["torus"], np.random.default_rng(32)
-    launches = []
-    whole = cast.launch_on_host
-
-    def counted(target: Any, launch: Any, rays: list[Any], results: Any) -> None:
-        launches.append(len(rays[0]))
-        whole(target, launch, rays, results)
-
-    monkeypatch.setattr(cast, "launch_on_host", counted)
-    monkeypatch.setattr(cast, "_RAYS_PER_LAUNCH", most)
-    grid = build(mesh, device=device, **GRID)
-    for _, rays in orders(view((1, 2, 3), 100, 77), rng):
-        launches.clear()
-        hits = grid.cast(*rays, fields=("t_err",))
-        assert len(launches) > 0
-        assert max(launches) <= most
-        count = rays[2].size
-        if count > most:
-            assert len(launches) > 1
-        monkeypatch.setattr(cast, "_RAYS_PER_LAUNCH", 1 << 22)
-        assert_same(hits, grid.cast(*rays, fields=("t_err",)))
-        assert_same(hits, brute_force(mesh, *rays, device=device, fields=("t_err",)))
-        monkeypatch.setattr(cast, "_RAYS_PER_LAUNCH", most)
-
-
-@pytest.mark.xfail(raises=ValueError, strict=True, reason="Division.launch_of gives 0 rays a launch")
-def test_rows_longer_than_a_launch(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Eight of them, a band of tiles, do not fit into one: as 8 rows of 600,000 rays."""
-    monkeypatch.setattr(cast, "_RAYS_PER_LAUNCH", 500)
-    hits = assert_brute(MESHES["torus"], device, "robust", view((1, 2, 3), 100, 16))
-    assert hits.mask.any()
 
 
 # --- any camera, any mesh ------------------------------------------------------------------------------
