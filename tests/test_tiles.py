@@ -16,7 +16,7 @@ from rays import NEARLY_ZERO, surroundings
 from shapes import joined
 from test_extremes import cone
 
-from clgrid import cast, memory, procedural, target
+from clgrid import memory, procedural, target
 from clgrid.brute import brute_force, brute_force_count
 from clgrid.camera import Camera
 from clgrid.device import Device
@@ -24,8 +24,14 @@ from clgrid.grid import build
 from clgrid.hits import Hits
 from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
+from clgrid.tuning import Tuning, tried
 
 F64 = npt.NDArray[np.float64]
+TUNINGS = {
+    "together": Tuning(widest_slice=1_000_000, fewest_together=1, remembered=8),
+    "in turns": Tuning(fewest_in_turns=0),
+    "mostly in turns": Tuning(fewest_in_turns=0, widest_slice=4, fewest_together=40, herd=3),
+}
 RESOLUTIONS = ((5, 4, 6), (8, 8, 8), (1, 1, 1), (1, 1, 40), (33, 2, 3), (24, 24, 24))
 
 
@@ -95,12 +101,13 @@ def test_tiles_in_several_parts(
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-def test_rays_that_take_turns(accuracy: str, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on large meshes, where rays that go alone wait for memory."""
-    monkeypatch.setattr(cast, "_FEWEST_IN_TURNS", 0)
-    for name, layout in (("soup", "compact"), ("torus", "hashed"), ("stacks", "linked-list")):
-        for skipping in (False, True):
-            assert_tiles(MESHES[name], device, accuracy, 9, 40, layout=layout, skipping=skipping)
+@pytest.mark.parametrize("numbers", TUNINGS)
+def test_tiles_by_any_tuning(numbers: str, accuracy: str, device: Device) -> None:
+    """All rays together or few; those that go alone in turns, as on large meshes."""
+    with tried(TUNINGS[numbers]):
+        for name, layout in (("soup", "compact"), ("torus", "hashed"), ("stacks", "linked-list")):
+            for skipping in (False, True):
+                assert_tiles(MESHES[name], device, accuracy, 9, 40, layout=layout, skipping=skipping)
 
 
 @pytest.mark.slow
