@@ -137,7 +137,8 @@ Ray prepare_ray(const double *origin, const double *direction, double t_min, dou
                 return ray;
             }
         }
-        if (!(t_near <= t_far))
+        // Beyond what a double holds, nothing that follows would have a meaning.
+        if (!(t_near <= t_far) || t_near == INFINITY)
             return ray;
         ray.t_entry = t_near;
     }

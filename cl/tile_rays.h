@@ -114,7 +114,7 @@ void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4]
             t_far = (moves & (t1 < t_far)) ? t1 : t_far;
             apart |= ~moves & (fabs(o[a]) > ENTRY_CUBE);
         }
-        apart |= ~(t_near <= t_far);
+        apart |= ~(t_near <= t_far) | (t_near == INFINITY);
         reach &= ~(distant & apart);
         t_entry = (distant & ~apart) ? t_near : t_entry;
     }

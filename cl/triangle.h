@@ -92,7 +92,8 @@ void keep(const Ray *ray, const Projection *projection, MESH_PARAMETERS, uint id
     if (!met)
         return;
 #ifdef QUERY_EACH
-    if (!((double)meeting.t >= hit->from && (double)meeting.t < hit->to) || !within(ray, &meeting))
+    const double t = meeting.t;
+    if (!(t >= hit->from && (t < hit->to || hit->to == INFINITY)) || !within(ray, &meeting))
         return;
 #ifdef QUERY_ALL
     record(&hit->records, ray, projection, MESH_ARGUMENTS, id, &meeting, hit->count);

@@ -24,6 +24,7 @@ from clgrid.mesh import Mesh
 from clgrid.program import kernel
 from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
+from clgrid.target import MeshPart
 from clgrid.tuning import tuning_of
 
 AOVS = ("depth", "normal", "id", "steps", "t_err")
@@ -196,7 +197,7 @@ def _draw(
     allocator = Allocator(device)
     inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]
     colour = [np.float32(value) for value in background]
-    normals = [] if mesh.vertex_normals is None else [allocator.share(mesh.vertex_normals)]
+    normals = [_normals(mesh, part.mesh, allocator) for part in parts]
     arrays = [array for _, array in _aov_arrays(image) if array is not None]
     if len(parts) > 1:
         nearest = np.zeros((image.height, image.width, rung.nearest_reals), rung.real)
@@ -208,16 +209,23 @@ def _draw(
         pieces = [array[first:last] for array in arrays]
         outputs = [allocator.results(piece) for piece in pieces]
         tiles = tiles_across * -(-(last - first) // _TILE)
-        for part in parts:
+        for part, own_normals in zip(parts, normals, strict=True):
             draw = kernel(device, "render.cl", "render", **options, **part.defines)
             draw(
                 device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
-                np.uint32(last - first), *colour, *normals, *outputs,
+                np.uint32(last - first), *colour, *own_normals, *outputs,
             )  # fmt: skip
         for piece, buffer in zip(pieces, outputs, strict=True):
             allocator.bring_home(piece, buffer)
         if progress is not None:
             progress(last / image.height)
+
+
+def _normals(mesh: Mesh, part: MeshPart, allocator: Allocator) -> list[Any]:
+    """The buffer of the normals of a part's vertices, if the mesh has normals."""
+    if mesh.vertex_normals is None:
+        return []
+    return [allocator.share(mesh.vertex_normals if part.used is None else mesh.vertex_normals[part.used])]
 
 
 def _aov_arrays(image: Image) -> list[tuple[str, npt.NDArray[Any] | None]]:

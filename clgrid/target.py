@@ -32,6 +32,8 @@ class MeshPart:
     local_bounds : (2, 3) float64
     wide_vertices : buffer of float64, optional
         The same coordinates, where float32 does not hold them and the rung keeps them.
+    used : (V,) uint32, optional
+        The mesh's numbers of the vertices, where the part has only those that it uses.
     """
 
     first: int
@@ -40,6 +42,7 @@ class MeshPart:
     faces: Any
     local_bounds: npt.NDArray[np.float64]
     wide_vertices: Any = None
+    used: npt.NDArray[np.uint32] | None = None
 
     @property
     def arguments(self) -> list[Any]:
@@ -132,7 +135,7 @@ class DeviceMesh:
 
     def _part(self, first: int, last: int) -> MeshPart:
         faces = self.mesh.faces[first:last]
-        local, wide = self._local, self._wide
+        local, wide, used = self._local, self._wide, None
         if max(local.nbytes, 0 if wide is None else wide.nbytes) > largest_buffer(self.device):
             # Only the vertices that this part uses.
             used, inverse = np.unique(faces, return_inverse=True)
@@ -143,7 +146,7 @@ class DeviceMesh:
         bounds = _bounds(local[:-1].reshape(-1, 3), faces)
         share = self._allocator.share
         buffers = share(local), share(np.ascontiguousarray(faces))
-        return MeshPart(first, last - first, *buffers, bounds, self._share_wide(wide))
+        return MeshPart(first, last - first, *buffers, bounds, self._share_wide(wide), used)
 
     def move(self, mesh: Mesh) -> None:
         """Take the vertices of a mesh with the same faces; in place where the mesh is one part."""

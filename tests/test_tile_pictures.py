@@ -26,9 +26,6 @@ F64 = npt.NDArray[np.float64]
 AOVS = ("depth", "normal", "id", "t_err")
 NAMES = ("rgba", "depth", "normal", "primitive_id", "t_err")
 BACKGROUND = (0.25, 0.5, 0.75)
-WRONG_NORMALS = pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="vertices of parts are renumbered, normals are not"
-)
 SIZES = [(1, 1), (3, 1), (1, 9), (8, 8), (9, 7), (61, 47), (64, 16), (50, 133)]
 
 
@@ -174,7 +171,7 @@ def test_pictures_by_any_grid(layout: str, skipping: bool, accuracy: str, device
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-@pytest.mark.parametrize("smooth", [False, pytest.param(True, marks=WRONG_NORMALS)])
+@pytest.mark.parametrize("smooth", [False, True])
 def test_pictures_in_parts_and_bands(
     smooth: bool, accuracy: str, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
