@@ -80,7 +80,9 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
     Tile tile;
     start_tile(&tile, grid->triangle_count);
-    load_camera_rays(&tile, camera, frame, left, first_row + top);
+    const bool blank = sees_nothing(camera, frame, grid, left, first_row + top, right - 1, first_row + bottom - 1);
+    if (!blank)
+        load_camera_rays(&tile, camera, frame, left, first_row + top);
     ulong shown = 0;
     for (uint y = top; y < bottom; ++y)
         for (uint x = left; x < right; ++x) {
