@@ -21,15 +21,6 @@ typedef struct {
     uint seen[REMEMBERED];
 } Waiting;
 
-void fetch(__global const uint *at)
-{
-#if defined(__has_builtin)
-#if __has_builtin(__builtin_prefetch)
-    __builtin_prefetch((const void *)(size_t)at, 0, 3);
-#endif
-#endif
-}
-
 void keep_waiting(Tile *tile, Bundle *bundle, uint alive, const Waiting *waiting, uint count, MESH_PARAMETERS)
 {
     for (uint i = 0; i < count; i += LANES)
@@ -62,7 +53,7 @@ uint take_run(Tile *tile, Bundle *bundle, uint alive, Waiting *waiting, uint cou
             const uint id = entries[i];
 #endif
             const uint at = id % REMEMBERED;
-            fetch(faces + 3 * (size_t)id);
+            ask_for(faces + 3 * (size_t)id);
             waiting->ids[count] = id;
             count += waiting->seen[at] != id ? 1 : 0;
             waiting->seen[at] = id;
