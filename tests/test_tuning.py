@@ -24,6 +24,7 @@ OTHERS = (
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("other", OTHERS)
 def test_no_number_changes_a_bit(device: Device, other: tuning.Tuning) -> None:
     scene = load_scene("terrain:40")
@@ -76,6 +77,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_script_names_the_best_of_each_number(device: Device) -> None:
     done = run(
         *("cube", "--size", "16x16", "--reps", "1", "--numbers", "remembered,herd", "--device", device.label)
