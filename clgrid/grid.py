@@ -252,8 +252,8 @@ def build(
         Cells along x, y, z, instead of a density.
     accuracy : {"robust", "fast", "precise", "exact"}
         A rung of the accuracy ladder (docs/numerics.md): no ray through a closed mesh, and the same bits
-        everywhere; float32 without a promise, in 0.5 to 0.75 of the time; robust in float64; or the answers of
-        rational arithmetic.
+        everywhere; float32 without a promise, in 0.5 to 0.75 of the time; robust in float64; or the
+        answers of rational arithmetic.
     device : Device or str, optional
         An index, part of a name, or platform:device; by default CLGRID_DEVICE or a CPU device.
     max_memory : int, optional
