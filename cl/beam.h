@@ -29,44 +29,32 @@ typedef struct {
     float8 au, av, ad, bu, bv, bd, cu, cv, cd;
 } Triangles;
 
-// Which of eight triangles have no corner within a bound, and are apart from what is.
-int8 below(float at, float slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
+// Eight triangles and a bound, or one triangle and the bounds of eight: -1 where all corners are below it.
+int8 below(float8 at, float8 slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
 {
     return max(max(a - slope * ad, b - slope * bd), c - slope * cd) < at;
 }
 
-int8 above(float at, float slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
+int8 above(float8 at, float8 slope, float8 a, float8 ad, float8 b, float8 bd, float8 c, float8 cd)
 {
     return min(min(a - slope * ad, b - slope * bd), c - slope * cd) > at;
 }
 
-// Which of eight triangles may come near a ray of the beam.
+// Which of eight triangles may come near a ray of the beam, or which of eight beams have a ray that may.
+#define MAY_MEET(beam, p)                                                                                \
+    (~(below((beam)->at[0], (beam)->slope[0], (p)->au, (p)->ad, (p)->bu, (p)->bd, (p)->cu, (p)->cd)      \
+       | above((beam)->at[1], (beam)->slope[1], (p)->au, (p)->ad, (p)->bu, (p)->bd, (p)->cu, (p)->cd)    \
+       | below((beam)->at[2], (beam)->slope[2], (p)->av, (p)->ad, (p)->bv, (p)->bd, (p)->cv, (p)->cd)    \
+       | above((beam)->at[3], (beam)->slope[3], (p)->av, (p)->ad, (p)->bv, (p)->bd, (p)->cv, (p)->cd)))
+
 int8 may_meet(const Beam *beam, const Triangles *p)
 {
-    return ~(below(beam->at[0], beam->slope[0], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
-             | above(beam->at[1], beam->slope[1], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
-             | below(beam->at[2], beam->slope[2], p->av, p->ad, p->bv, p->bd, p->cv, p->cd)
-             | above(beam->at[3], beam->slope[3], p->av, p->ad, p->bv, p->bd, p->cv, p->cd));
+    return MAY_MEET(beam, p);
 }
 
-// From which of eight beams a triangle is apart.
-int8 below_beams(float8 at, float8 slope, float a, float ad, float b, float bd, float c, float cd)
-{
-    return max(max(a - slope * ad, b - slope * bd), c - slope * cd) < at;
-}
-
-int8 above_beams(float8 at, float8 slope, float a, float ad, float b, float bd, float c, float cd)
-{
-    return min(min(a - slope * ad, b - slope * bd), c - slope * cd) > at;
-}
-
-// Which of eight beams may have a ray near the triangle.
 int8 may_be_met(const Beams *beams, const Triangle *p)
 {
-    return ~(below_beams(beams->at[0], beams->slope[0], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
-             | above_beams(beams->at[1], beams->slope[1], p->au, p->ad, p->bu, p->bd, p->cu, p->cd)
-             | below_beams(beams->at[2], beams->slope[2], p->av, p->ad, p->bv, p->bd, p->cv, p->cd)
-             | above_beams(beams->at[3], beams->slope[3], p->av, p->ad, p->bv, p->bd, p->cv, p->cd));
+    return MAY_MEET(beams, p);
 }
 
 #endif

@@ -2,12 +2,14 @@
 #ifndef CLG_BUNDLE_H
 #define CLG_BUNDLE_H
 #include "beam.h"
+#include "grid.h"
 #include "tile_rays.h"
 
 // What rounding in float32 adds to a t that something is compared with.
 #define T_PAD 0x1p-16f
 // Local t beyond which a ray is out of the grid, wherever it starts.
 #define FARTHEST_T 16.0
+// Depths that nearly coincide are taken to be so far apart: slopes between them would be made of rounding.
 #define SHORTEST_SPAN 0x1p-12f
 
 typedef struct {
@@ -75,7 +77,6 @@ float2 range_of(float8 v, int8 own)
 void set_beams(Bundle *bundle)
 {
     float at[4][GROUPS], slope[4][GROUPS];
-    // Slopes between depths that nearly coincide would be made of rounding.
     const float start = bundle->from, end = max(bundle->to, start + SHORTEST_SPAN);
     const float span = end - start;
     for (uint g = 0; g < GROUPS; ++g) {
@@ -131,7 +132,7 @@ void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double 
         lanes[4][lane] = s->kx == bundle->ku ? s->sx : s->sy;
         lanes[5][lane] = s->kx == bundle->ku ? s->sy : s->sx;
         lanes[6][lane] = s->sz;
-        lanes[7][lane] = (float)(T_SLACK + 0x1p-51 * fabs(ray->t_entry)) + T_PAD;
+        lanes[7][lane] = (float)slack_of(ray) + T_PAD;
         first[lane] = first_t(ray);
         last[lane] = fmin(last_t(ray), (double)tile->hits[from].meeting.t);
     }

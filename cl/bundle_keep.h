@@ -63,7 +63,7 @@ int8 open_lanes(const Bundle *bundle, uint g, const Seen *s)
     return ~(negative & positive) & (nearest <= last) & (last > -INFINITY);
 }
 
-#if defined(WIDE_RAYS) || defined(ALONE)
+#ifdef WIDE_RAYS
 void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *seen, int8 open, uint id, MESH_PARAMETERS)
 {
     float last[LANES], slack[LANES];

@@ -141,7 +141,7 @@ bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, ME
 #endif
 }
 
-// What the query asks for of the triangles that the ray meets.
+// What the query asks for of the triangles that the ray meets, but for what describe_hit adds.
 Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
 {
     if (!ray->reaches)
@@ -153,7 +153,6 @@ Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
 #else
     walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
 #endif
-    describe_hit(ray, &projection, MESH_ARGUMENTS, &hit);
     return hit;
 }
 

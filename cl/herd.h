@@ -91,8 +91,8 @@ long note_cells(Walker *w, uint *cell, Ticks *planes, long entered, long end, GR
     return entered;
 }
 
-// Out of line, its loop has the registers.
 // Finds the next cells to look at: with SKIP_EMPTY those of the next brick that is not empty.
+// Out of line, its loop has the registers.
 __attribute__((noinline))
 void find_path(Walker *w, GRID_PARAMETERS)
 {

@@ -6,7 +6,7 @@
 //   LAYOUT_DYNAMIC_ARRAY pool[pointers[i] .. pointers[i]+sizes[i]-1]; capacities serve growth alone
 #ifndef CLG_LISTS_H
 #define CLG_LISTS_H
-#include "config.h"
+#include "ask.h"
 
 #if defined(LAYOUT_HASHED)
 #define LIST_PARAMETERS                                                                               \
@@ -67,15 +67,17 @@ List find_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
     return list;
 }
 
-// Asks for a cache line before it is needed.
-void ask_for(__global const void *at)
+#ifndef LAYOUT_LINKED_LIST
+// The triangles of a list.
+__global const uint *entries_of(const List *list, LIST_PARAMETERS)
 {
-#if defined(__has_builtin)
-#if __has_builtin(__builtin_prefetch)
-    __builtin_prefetch((const void *)(size_t)at, 0, 3);
-#endif
+#ifdef LAYOUT_DYNAMIC_ARRAY
+    return pool + list->begin;
+#else
+    return references + list->begin;
 #endif
 }
+#endif
 
 // Asks for what find_list reads.
 void ask_for_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
@@ -104,11 +106,7 @@ void ask_for_ids(const List *list, LIST_PARAMETERS)
     ask_for(triangles + list->begin);
     ask_for(next + list->begin);
 #else
-#ifdef LAYOUT_DYNAMIC_ARRAY
-    __global const uint *entries = pool + list->begin;
-#else
-    __global const uint *entries = references + list->begin;
-#endif
+    __global const uint *entries = entries_of(list, LIST_ARGUMENTS);
     ask_for(entries);
     ask_for(entries + min(list->count, 8u) - 1);
 #endif
@@ -138,11 +136,7 @@ uint take_ids(List *list, LIST_PARAMETERS, uint *ids)
     }
     list->count = list->begin == NO_REFERENCE ? 0 : 1;
 #else
-#ifdef LAYOUT_DYNAMIC_ARRAY
-    __global const uint *entries = pool + list->begin;
-#else
-    __global const uint *entries = references + list->begin;
-#endif
+    __global const uint *entries = entries_of(list, LIST_ARGUMENTS);
     count = min(list->count, 8u);
     for (uint i = 0; i < 8; ++i)
         ids[i] = entries[i < count ? i : count - 1];

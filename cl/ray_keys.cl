@@ -1,7 +1,7 @@
-// A number for each ray given as arrays (rays_in_out.h), such that rays of near numbers run near each other: the
+// A number for each ray given as arrays (rays_in.h), such that rays of near numbers run near each other: the
 // major axis and the way along it, then, bit by bit in turn, where the ray enters and leaves the grid's bounds
 // (Morton 1966). Hits do not depend on it.
-#include "rays_in_out.h"
+#include "rays_in.h"
 
 // Bit i of x, below 2^8, to bit 6 i.
 ulong spread(ulong x)
@@ -17,11 +17,7 @@ __kernel void ray_keys(__constant const FrameParams *frame, __constant const Gri
 {
     const size_t begin = (size_t)get_global_id(0) * RAYS_PER_ITEM, end = min(begin + RAYS_PER_ITEM, (size_t)ray_count);
     for (size_t i = begin; i < end; ++i) {
-#ifdef PER_RAY_T
-        float t_in = (float)t_bounds[2 * i], t_out = (float)t_bounds[2 * i + 1];
-#else
-        float t_in = (float)t_bounds[0], t_out = (float)t_bounds[1];
-#endif
+        float t_in = (float)T_BOUNDS(i)[0], t_out = (float)T_BOUNDS(i)[1];
         float o[3], d[3], longest = 0.0f;
         uint major = 0;
         for (int a = 0; a < 3; ++a) {

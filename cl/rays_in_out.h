@@ -1,18 +1,10 @@
-// Rays from and hits to host arrays, for every kernel that casts rays given as arrays.
-//   origins, directions   RAY_REAL (float or double), xyz packed
-//   t_bounds              double, t_min then t_max: one pair for all, or one a ray (PER_RAY_T)
+// Rays from and hits to host arrays, for every kernel that casts rays given as arrays (rays_in.h).
 //   t_hit, ids            of each ray; inf and NO_HIT on a miss
 //   uvs, t_errs, certain  WITH_UVS, WITH_T_ERR, WITH_CERTAIN: what else is asked for (triangle.h)
 #ifndef CLG_RAYS_IN_OUT_H
 #define CLG_RAYS_IN_OUT_H
+#include "rays_in.h"
 #include "triangle.h"
-
-// Rays that a work-item casts.
-#define RAYS_PER_ITEM 64u
-
-#define RAY_PARAMETERS \
-    __global const RAY_REAL *origins, __global const RAY_REAL *directions, __global const double *t_bounds
-#define RAY_ARGUMENTS origins, directions, t_bounds
 
 Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
 {
@@ -21,11 +13,7 @@ Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
         o[a] = origins[3 * i + a];
         d[a] = directions[3 * i + a];
     }
-#ifdef PER_RAY_T
-    return prepare_ray(o, d, t_bounds[2 * i], t_bounds[2 * i + 1], frame);
-#else
-    return prepare_ray(o, d, t_bounds[0], t_bounds[1], frame);
-#endif
+    return prepare_ray(o, d, T_BOUNDS(i)[0], T_BOUNDS(i)[1], frame);
 }
 
 #ifdef CLG_TILE_H
@@ -66,13 +54,8 @@ uint load_tile(Tile *tile, size_t number, ORDER_PARAMETERS, __constant const Fra
                 o[a][lane] = origins[3 * i + a];
                 d[a][lane] = directions[3 * i + a];
             }
-#ifdef PER_RAY_T
-            t_min[lane] = t_bounds[2 * i];
-            t_max[lane] = t_bounds[2 * i + 1];
-#else
-            t_min[lane] = t_bounds[0];
-            t_max[lane] = t_bounds[1];
-#endif
+            t_min[lane] = T_BOUNDS(i)[0];
+            t_max[lane] = T_BOUNDS(i)[1];
         }
         set_rays(tile, k, o, d, t_min, t_max, frame);
     }

@@ -44,11 +44,7 @@ uint take_run(Tile *tile, Bundle *bundle, uint alive, Waiting *waiting, uint cou
         for (ref_index node = list.begin; node != NO_REFERENCE; node = next[node]) {
             const uint id = triangles[node];
 #else
-#ifdef LAYOUT_DYNAMIC_ARRAY
-        __global const uint *entries = pool + list.begin;
-#else
-        __global const uint *entries = references + list.begin;
-#endif
+        __global const uint *entries = entries_of(&list, LIST_ARGUMENTS);
         for (uint i = 0; i < list.count; ++i) {
             const uint id = entries[i];
 #endif

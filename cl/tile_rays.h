@@ -18,7 +18,9 @@ typedef struct {
     Hit hits[TILE_RAYS];
     ulong valid, reach;  // bits: rays that are rays; those that come near the mesh
     ulong alone;         // those of them that are cast alone
+#ifdef RUNG_EXACT
     uint triangle_count; // of the grid
+#endif
 } Tile;
 
 // Rays first .. first + 3.
@@ -72,7 +74,6 @@ typedef struct {
     float t[TILE_RAYS];                      // of the hit
     uint ids[TILE_RAYS];
     ulong valid, reach, alone;
-    uint triangle_count;
 } Tile;
 
 // prepare_ray for rays first .. first + 3.
@@ -171,9 +172,11 @@ uint4 ids_of_4(const Tile *tile, uint k)
 #endif
 
 // A tile of no rays yet; every ray starts with a miss.
-void start_tile(Tile *tile, uint triangle_count)
+void start_tile(Tile *tile, __constant const GridParams *grid)
 {
-    tile->triangle_count = triangle_count;
+#ifdef RUNG_EXACT
+    tile->triangle_count = grid->triangle_count;
+#endif
     tile->valid = tile->reach = tile->alone = 0;
     for (uint k = 0; k < TILE_RAYS; ++k)
         set_hit(tile, k, no_hit());

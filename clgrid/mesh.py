@@ -97,10 +97,17 @@ class Mesh:
     def _reaches(self, bounds: FloatArray) -> bool:
         """Whether triangles use the vertices, or some of them, that the bounds of all vertices touch."""
         return all(
-            _names(self.faces, _first_at(self.vertices[:, axis], bounds[side, axis]))
+            self._names(_first_at(self.vertices[:, axis], bounds[side, axis]))
             for side in range(2)
             for axis in range(3)
         )
+
+    def _names(self, vertex: int) -> bool:
+        """Whether a triangle uses the vertex: looked for first where one order of both would have it."""
+        if vertex < 0:
+            return False
+        near = max(0, vertex * len(self.faces) // len(self.vertices) - _CHUNK // 2)
+        return bool((self.faces[near : near + _CHUNK] == vertex).any() or (self.faces == vertex).any())
 
     def moved(self, vertices: FloatArray) -> Mesh:
         """The mesh with other positions, and without its vertex normals, which were of the old shape.
@@ -145,13 +152,13 @@ _CHUNK = 1 << 15
 def extent(points: FloatArray) -> FloatArray:
     """(2, 3): least and greatest coordinates of (N, 3) points, N at least 1; NaN where one is."""
     # Long rows: numpy reduces rows of three numbers one number at a time, which takes ten times as long.
-    rows = len(points) // _LONG_ROW
-    parts = [points[rows * _LONG_ROW :]] if len(points) % _LONG_ROW else []
-    if rows:
-        long = points[: rows * _LONG_ROW].reshape(rows, 3 * _LONG_ROW)
-        parts += [long.min(axis=0).reshape(-1, 3), long.max(axis=0).reshape(-1, 3)]
+    whole = len(points) // _LONG_ROW * _LONG_ROW
+    long, rest = points[:whole].reshape(-1, 3 * _LONG_ROW), points[whole:]
     return np.stack(
-        [np.min([part.min(axis=0) for part in parts], axis=0), np.max([p.max(axis=0) for p in parts], axis=0)]
+        [
+            ends(np.concatenate([ends(long, axis=0).reshape(-1, 3), rest]) if whole else rest, axis=0)
+            for ends in (np.min, np.max)
+        ]
     )
 
 
@@ -162,14 +169,6 @@ def _first_at(column: FloatArray, value: float) -> int:
         if found.any():
             return start + int(found.argmax())
     return -1
-
-
-def _names(faces: npt.NDArray[np.uint32], vertex: int) -> bool:
-    """Whether a triangle uses the vertex: looked for first where it would be if both were in one order."""
-    if vertex < 0:
-        return False
-    near = max(0, int(vertex / max(1, int(faces.max())) * len(faces)) - _CHUNK // 2)
-    return bool((faces[near : near + _CHUNK] == vertex).any() or (faces == vertex).any())
 
 
 def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:

@@ -167,22 +167,26 @@ def _blank(
     width: int, height: int, aovs: Sequence[str], background: Sequence[float], *, filled: bool
 ) -> Image:
     """Make the picture of nothing; or, if rendering writes every pixel, arrays that hold anything."""
-    shape = height, width
-    rgba = np.empty((*shape, 4), np.float32)
-    depth, normal = np.empty(shape, np.float32), np.empty((*shape, 3), np.float32)
-    ids, t_err = np.empty(shape, np.uint32), np.empty(shape, np.float32)
-    if filled:
-        rgba[..., :3], rgba[..., 3] = background, 0
-        for array, value in ((depth, np.inf), (normal, 0), (ids, NO_ID), (t_err, 0)):
+
+    def channels(name: str, value: float, real: type[np.generic], *depth: int) -> npt.NDArray[Any] | None:
+        if name not in aovs:
+            return None
+        array: npt.NDArray[Any] = np.empty((height, width, *depth), real)
+        if filled:
             array.fill(value)
+        return array
+
+    rgba = np.empty((height, width, 4), np.float32)
+    if filled:
+        rgba[:] = (*background, 0)
     return Image(
         rgba,
-        depth=depth if "depth" in aovs else None,
-        normal=normal if "normal" in aovs else None,
-        primitive_id=ids if "id" in aovs else None,
+        depth=channels("depth", np.inf, np.float32),
+        normal=channels("normal", 0, np.float32, 3),
+        primitive_id=channels("id", NO_ID, np.uint32),
         # The kernels count on from 0.
-        steps=np.zeros(shape, np.uint32) if "steps" in aovs else None,
-        t_err=t_err if "t_err" in aovs else None,
+        steps=np.zeros((height, width), np.uint32) if "steps" in aovs else None,
+        t_err=channels("t_err", 0, np.float32),
     )
 
 
