@@ -92,13 +92,20 @@ class DeviceMesh:
         out[-1] = 0
         if self.rung.wide and not self.frame.holds(self.mesh.vertices, local):
             self._wide = self.frame.to_local_wide(self.mesh.vertices)
-            if self.rung.name == "exact" and self.frame.loses(self.mesh.vertices, self._wide):
+            if self.rung.name == "exact" and self._loses_used(self._wide):
                 raise MeshError(
                     f"{self.mesh.source}: coordinates below 2^-1022 of the mesh's size, which exact cannot"
                     " hold; make them 0, or choose precise"
                 )
         else:
             self._wide = None
+
+    def _loses_used(self, wide: npt.NDArray[np.float64]) -> bool:
+        """Whether a vertex of a triangle is not where the mesh has it: the others lie where they like."""
+        if not self.frame.loses(self.mesh.vertices, wide):
+            return False
+        used = np.unique(self.mesh.faces)
+        return self.frame.loses(self.mesh.vertices[used], wide[used])
 
     def _share_wide(self, wide: npt.NDArray[np.float64] | None) -> Any:
         return None if wide is None else self._allocator.share(wide)

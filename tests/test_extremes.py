@@ -445,3 +445,17 @@ def test_exact_refuses_what_it_cannot_hold(device: Device) -> None:
     with pytest.raises(MeshError, match="below 2\\^-1022 of the mesh's size, which exact cannot hold"):
         build(mesh, density=4, accuracy="exact", device=device)
     build(mesh, density=4, accuracy="precise", device=device)
+
+
+@pytest.mark.parametrize("accuracy", RUNGS)
+def test_vertices_of_no_triangle_may_lie_anywhere(accuracy: str, device: Device) -> None:
+    corners = np.array([[1.5, 1.5, 1.5], [1.5 + 2**-50, 1.75, 1.5], [1.75, 1.5, 1.5]])  # moved by 1.5
+    others = [[5e-324, 1e300, -np.pi], [np.nan, np.inf, -np.inf], [1e-300, -1 / 3, 0]]
+    faces = np.array([[0, 1, 2]], np.uint32)
+    rays = query(np.array([[1.55, 1.55, 0]] * 3), np.array([[0, 0, 1], [0, 0, -1], [0.01, 0.02, 1]]))
+    alone = ask(build(Mesh(corners, faces), density=4, accuracy=accuracy, device=device), rays)
+    mesh = Mesh(np.concatenate([corners, others]), faces)
+    among = ask(build(mesh, density=4, accuracy=accuracy, device=device), rays)
+    assert alone.hits.mask.tolist() == [True, False, True]
+    np.testing.assert_array_equal(among.hits.t_hit, alone.hits.t_hit)
+    np.testing.assert_array_equal(among.counts, alone.counts)
