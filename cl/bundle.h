@@ -31,6 +31,9 @@ typedef struct {
 #else
     float8 dd[GROUPS];            // the directions' largest component
     float8 slack[GROUPS];         // how far behind a hit no other can win
+#ifdef WIDE_RAYS
+    double shear[3][TILE_RAYS];   // in float64
+#endif
     float8 last[GROUPS];          // t beyond which no hit matters; -inf in the lanes of other rays
 #endif
     float8 deepest;               // of each group: depth, times `side`, beyond which no hit matters
@@ -114,38 +117,6 @@ void name_axes(Bundle *bundle, ulong members, uint class)
 }
 
 #ifndef RUNG_FAST
-// Sets a group's rays; gives t where they start, and where they end if there is no hit.
-#ifdef WIDE_RAYS
-void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
-{
-    float lanes[8][LANES];
-    for (uint lane = 0; lane < LANES; ++lane) {
-        const uint k = g * LANES + lane;
-        const bool own = bundle->members >> k & 1ul;
-        const uint from = own ? k : lowest_of_64(bundle->members);
-        const Ray *ray = &tile->rays[from];
-        const Shear *s = &tile->projections[from].narrow;
-        lanes[0][lane] = (float)ray->origin[bundle->ku];
-        lanes[1][lane] = (float)ray->origin[bundle->kv];
-        lanes[2][lane] = (float)ray->origin[bundle->kd];
-        lanes[3][lane] = (float)ray->direction[bundle->kd];
-        lanes[4][lane] = s->kx == bundle->ku ? s->sx : s->sy;
-        lanes[5][lane] = s->kx == bundle->ku ? s->sy : s->sx;
-        lanes[6][lane] = s->sz;
-        lanes[7][lane] = (float)slack_of(ray) + T_PAD;
-        first[lane] = first_t(ray);
-        last[lane] = fmin(last_t(ray), (double)tile->hits[from].meeting.t);
-    }
-    bundle->ou[g] = vload8(0, lanes[0]);
-    bundle->ov[g] = vload8(0, lanes[1]);
-    bundle->od[g] = vload8(0, lanes[2]);
-    bundle->dd[g] = vload8(0, lanes[3]);
-    bundle->su[g] = vload8(0, lanes[4]);
-    bundle->sv[g] = vload8(0, lanes[5]);
-    bundle->sd[g] = vload8(0, lanes[6]);
-    bundle->slack[g] = vload8(0, lanes[7]);
-}
-#else
 // first_t and last_t of four.
 double4 first_of_4(const Tile *tile, uint k)
 {
@@ -161,28 +132,37 @@ double4 last_of_4(const Tile *tile, uint k)
     return min(last, convert_double4(vload4(0, tile->t + k)));
 }
 
+// Sets a group's rays; gives t where they start, and where they end if there is no hit.
 void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
 {
     const uint k = g * LANES;
-    const float8 du = vload8(g, tile->d[bundle->ku]), dv = vload8(g, tile->d[bundle->kv]);
-    const float8 dd = vload8(g, tile->d[bundle->kd]);
-    const double4 low = convert_double4(dd.lo), high = convert_double4(dd.hi);
-    bundle->ou[g] = vload8(g, tile->o[bundle->ku]);
-    bundle->ov[g] = vload8(g, tile->o[bundle->kv]);
-    bundle->od[g] = vload8(g, tile->o[bundle->kd]);
-    bundle->dd[g] = dd;
+    const int ku = bundle->ku, kv = bundle->kv, kd = bundle->kd;
+    double4 su[2], sv[2], sd[2];
+    for (uint i = 0; i < 2; ++i) {
+        const uint at = k + 4 * i;
+        const double4 depth = convert_double4(vload4(0, tile->d[kd] + at));
+        su[i] = convert_double4(vload4(0, tile->d[ku] + at)) / depth;
+        sv[i] = convert_double4(vload4(0, tile->d[kv] + at)) / depth;
+        sd[i] = 1.0 / depth;
+#ifdef WIDE_RAYS
+        vstore4(su[i], 0, bundle->shear[0] + at);
+        vstore4(sv[i], 0, bundle->shear[1] + at);
+        vstore4(sd[i], 0, bundle->shear[2] + at);
+#endif
+        vstore4(first_of_4(tile, at), i, first);
+        vstore4(last_of_4(tile, at), i, last);
+    }
+    bundle->ou[g] = eight_of(tile->o[ku] + k);
+    bundle->ov[g] = eight_of(tile->o[kv] + k);
+    bundle->od[g] = eight_of(tile->o[kd] + k);
+    bundle->dd[g] = eight_of(tile->d[kd] + k);
     // Through float64, as shear_of.
-    bundle->su[g] = narrowed(convert_double4(du.lo) / low, convert_double4(du.hi) / high);
-    bundle->sv[g] = narrowed(convert_double4(dv.lo) / low, convert_double4(dv.hi) / high);
-    bundle->sd[g] = narrowed(1.0 / low, 1.0 / high);
+    bundle->su[g] = narrowed(su[0], su[1]);
+    bundle->sv[g] = narrowed(sv[0], sv[1]);
+    bundle->sd[g] = narrowed(sd[0], sd[1]);
     const double4 entry_low = vload4(0, tile->t_entry + k), entry_high = vload4(1, tile->t_entry + k);
     bundle->slack[g] = narrowed(T_SLACK + 0x1p-51 * fabs(entry_low), T_SLACK + 0x1p-51 * fabs(entry_high)) + T_PAD;
-    vstore4(first_of_4(tile, k), 0, first);
-    vstore4(first_of_4(tile, k + 4), 1, first);
-    vstore4(last_of_4(tile, k), 0, last);
-    vstore4(last_of_4(tile, k + 4), 1, last);
 }
-#endif
 
 float8 within_reach(const double *t)
 {
@@ -218,26 +198,12 @@ bool set_bundle(const Tile *tile, ulong members, uint class, __constant const Gr
 #endif
 
 // Of the rays `pending`, those of the first one's class: its major axis, twice, plus one if it descends it.
-#ifdef WIDE_RAYS
-ulong take_class(const Tile *tile, ulong pending, uint *class)
-{
-    ulong members = 0;
-    for (uint k = 0; k < TILE_RAYS; ++k) {
-        if (!(pending >> k & 1ul))
-            continue;
-        const Shear *s = &tile->projections[k].narrow;
-        const uint own = 2 * (uint)s->kz + (s->sz < 0.0f ? 1 : 0);
-        *class = members == 0 ? own : *class;
-        members |= own == *class ? 1ul << k : 0ul;
-    }
-    return members;
-}
-#else
 ulong take_class(const Tile *tile, ulong pending, uint *class)
 {
     uint classes[TILE_RAYS];
     for (uint g = 0; g < GROUPS; ++g) {
-        const float8 x = vload8(g, tile->d[0]), y = vload8(g, tile->d[1]), z = vload8(g, tile->d[2]);
+        const uint k = g * LANES;
+        const float8 x = eight_of(tile->d[0] + k), y = eight_of(tile->d[1] + k), z = eight_of(tile->d[2] + k);
         // As shear_of chooses.
         const int8 over_y = fabs(x) >= fabs(y), over_z = fabs(x) >= fabs(z);
         const int8 is_x = over_y & over_z, is_y = ~over_y & (fabs(y) >= fabs(z));
@@ -251,6 +217,4 @@ ulong take_class(const Tile *tile, ulong pending, uint *class)
         members |= (ulong)bits_of(vload8(g, classes) == *class) << (LANES * g);
     return members & pending;
 }
-#endif
-
 #endif

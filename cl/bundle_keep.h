@@ -1,6 +1,7 @@
 // What the rays of a bundle keep of a triangle: candidates by the shear of shear.h, eight rays at a time, then
 // the rung's own test (triangle.h), or, for `robust`, the same operations four rays at a time.
 //   RUNG_FAST   the rung has a test of its own (bundle_fast.h)
+//   WIDE_RAYS   the same in float64 (bundle_wide.h)
 #ifndef CLG_BUNDLE_KEEP_H
 #define CLG_BUNDLE_KEEP_H
 #include "bundle.h"
@@ -64,25 +65,7 @@ int8 open_lanes(const Bundle *bundle, uint g, const Seen *s)
 }
 
 #ifdef WIDE_RAYS
-void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *seen, int8 open, uint id, MESH_PARAMETERS)
-{
-    float last[LANES], slack[LANES];
-    vstore8(bundle->last[g], 0, last);
-    vstore8(bundle->slack[g], 0, slack);
-    for (uint lanes = bits_of(open); lanes != 0; lanes &= lanes - 1) {
-        const uint lane = lowest_of_32(lanes), k = g * LANES + lane;
-        Hit *hit = &tile->hits[k];
-        keep(&tile->rays[k], &tile->projections[k], MESH_ARGUMENTS, id, hit);
-        last[lane] = settled(hit) ? -INFINITY : min(last[lane], (float)hit->meeting.t + slack[lane]);
-#ifdef RUNG_EXACT
-        if (hit->decisions > MOST_DECISIONS(tile->triangle_count)) {
-            tile->alone |= 1ul << k;
-            last[lane] = -INFINITY;
-        }
-#endif
-    }
-    bundle->last[g] = vload8(0, last);
-}
+#include "bundle_wide.h"
 #else
 // Half of what eight rays see.
 typedef struct {
@@ -102,12 +85,6 @@ Seen4 high_half(const Seen *s)
     const Seen4 four = {s->ax.hi, s->ay.hi, s->az.hi, s->bx.hi, s->by.hi, s->bz.hi,
                         s->cx.hi, s->cy.hi, s->cz.hi, s->u.hi, s->v.hi, s->w.hi};
     return four;
-}
-
-// p q - r s of float32 numbers: the products are exact in float64.
-double4 difference_of_4(float4 p, float4 q, float4 r, float4 s)
-{
-    return convert_double4(p) * convert_double4(q) - convert_double4(r) * convert_double4(s);
 }
 
 // Four rays, from `k` on, and a triangle that their edge functions do not rule out: finish_hit, within and before

@@ -11,7 +11,7 @@ __kernel void cast_any(__constant const FrameParams *frame, GRID_PARAMETERS, MES
 {
     const size_t number = get_global_id(0);
     Tile tile;
-    start_tile(&tile, grid);
+    start_tile(&tile, frame, grid);
     invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
     for (uint k = 0; k < TILE_RAYS; ++k) {
         const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);

@@ -21,7 +21,7 @@ __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
 {
     const size_t number = get_global_id(0);
     Tile tile;
-    start_tile(&tile, grid);
+    start_tile(&tile, frame, grid);
     invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
 #ifdef PARTS
     for (uint k = 0; k < TILE_RAYS; ++k) {

@@ -15,8 +15,16 @@
 #if defined(RUNG_PRECISE) || defined(RUNG_EXACT)
 #define WIDE_RAYS
 typedef double real;
+typedef double4 real4;
+typedef long4 mask4;
+#define convert_real4 convert_double4
+#define convert_mask4 convert_long4
 #else
 typedef float real;
+typedef float4 real4;
+typedef int4 mask4;
+#define convert_real4 convert_float4
+#define convert_mask4 convert_int4
 #endif
 
 // Counts and positions of references: 32 bits unless a grid holds more than those can number.

@@ -12,7 +12,7 @@ __kernel void count_hits(__constant const FrameParams *frame, GRID_PARAMETERS, M
 {
     const size_t number = get_global_id(0);
     Tile tile;
-    start_tile(&tile, grid);
+    start_tile(&tile, frame, grid);
     invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
     cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint k = 0; k < TILE_RAYS; ++k) {

@@ -56,4 +56,20 @@ float8 narrowed(double4 low, double4 high)
     return (float8)(convert_float4(low), convert_float4(high));
 }
 
+// Eight numbers, rounded to float32.
+float8 eight_of(const real *numbers)
+{
+#ifdef WIDE_RAYS
+    return narrowed(vload4(0, numbers), vload4(1, numbers));
+#else
+    return vload8(0, numbers);
+#endif
+}
+
+// p q - r s of float32 numbers: the products are exact in float64.
+double4 difference_of_4(float4 p, float4 q, float4 r, float4 s)
+{
+    return convert_double4(p) * convert_double4(q) - convert_double4(r) * convert_double4(s);
+}
+
 #endif

@@ -36,4 +36,36 @@ Pair two_product(double a, double b)
     return product;
 }
 
+// Four at a time.
+typedef struct {
+    double4 high, low;
+} Pairs;
+
+Pairs two_sums(double4 a, double4 b)
+{
+    Pairs sum;
+    sum.high = a + b;
+    const double4 of_b = sum.high - a;
+    sum.low = (a - (sum.high - of_b)) + (b - of_b);
+    return sum;
+}
+
+Pairs split_4(double4 a)
+{
+    Pairs halves;
+    const double4 c = 0x1.0000002p+27 * a;
+    halves.high = c - (c - a);
+    halves.low = a - halves.high;
+    return halves;
+}
+
+Pairs two_products(double4 a, double4 b)
+{
+    Pairs product;
+    const Pairs x = split_4(a), y = split_4(b);
+    product.high = a * b;
+    product.low = x.low * y.low - (((product.high - x.high * y.high) - x.low * y.high) - x.high * y.low);
+    return product;
+}
+
 #endif

@@ -79,7 +79,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     const uint left = get_global_id(0) % tiles_across * TILE, top = get_global_id(0) / tiles_across * TILE;
     const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
     Tile tile;
-    start_tile(&tile, grid);
+    start_tile(&tile, frame, grid);
     const bool blank = sees_nothing(camera, frame, grid, left, first_row + top, right - 1, first_row + bottom - 1);
     if (!blank)
         load_camera_rays(&tile, camera, frame, left, first_row + top);

@@ -43,19 +43,8 @@ float8 inverse_length(Points p)
 
 void rays_of_8(const Tile *tile, uint g, Points *origin, Points *direction)
 {
-#ifdef ALONE
-    float at[6][LANES];
-    for (uint lane = 0; lane < LANES; ++lane)
-        for (int a = 0; a < 3; ++a) {
-            at[a][lane] = tile->rays[g * LANES + lane].origin[a];
-            at[3 + a][lane] = tile->rays[g * LANES + lane].direction[a];
-        }
-    const Points o = {vload8(0, at[0]), vload8(0, at[1]), vload8(0, at[2])};
-    const Points d = {vload8(0, at[3]), vload8(0, at[4]), vload8(0, at[5])};
-#else
     const Points o = {vload8(g, tile->o[0]), vload8(g, tile->o[1]), vload8(g, tile->o[2])};
     const Points d = {vload8(g, tile->d[0]), vload8(g, tile->d[1]), vload8(g, tile->d[2])};
-#endif
     *origin = o;
     *direction = d;
 }

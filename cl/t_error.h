@@ -42,4 +42,26 @@ double scene_t_error(const Ray *ray, double t, double error)
     return (error + 0x1p-51 * fabs(ray->t_entry + t)) * ray->t_unit * (1.0 + 0x1p-40) + 0x1p-1074;
 }
 
+#ifdef RUNG_EXACT
+// t_error of four; the sheared triangles as in Crossing.
+double4 t_errors(const double4 *x, const double4 *y, const double4 *z, double4 det, double4 t, double4 z_scale,
+                 double unit, double4 aside, double late)
+{
+    double4 reach = (double4)(0.0), depth = (double4)(0.0), extent = (double4)(0.0);
+    for (int i = 0; i < 3; ++i) {
+        reach = max(reach, max(fabs(x[i]), fabs(y[i])));
+        depth = max(depth, fabs(z[i] - z[0]));
+        extent = max(extent, fabs(z[i] * z_scale - t));
+    }
+    const double4 bz = z[1] - z[0], cz = z[2] - z[0];
+    const double4 bx = x[1] - x[0], cx = x[2] - x[0];
+    const double4 by = y[1] - y[0], cy = y[2] - y[0];
+    const double4 along = fabs(bz * cy - cz * by) + fabs(cz * bx - bz * cx)
+                          + (400 * unit * (reach + depth) + 8192 * unit * unit);
+    const double4 across = fabs(det) - (450 * unit * reach + 8192 * unit * unit);
+    const double4 slide = fabs(z_scale) * (aside * (along / across));
+    return ((across > 0.0) & (slide < extent) ? slide : extent) + late;
+}
+#endif
+
 #endif

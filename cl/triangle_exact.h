@@ -153,4 +153,25 @@ void describe(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, con
         *t_err = scene_t_error(ray, meeting->t, meeting->error);
 }
 
+// crosses of four rays, by the filter alone.
+Crossings crossings_of(const Sheared4 *p, double4 sz, long4 open)
+{
+    Crossings c;
+    const double4 u = p->cx * p->by - p->cy * p->bx;
+    const double4 v = p->ax * p->cy - p->ay * p->cx;
+    const double4 w = p->bx * p->ay - p->by * p->ax;
+    const double4 reach = reaches_of(p), doubt = DOUBT(reach);
+    const long4 apart = signs_differ_of_4(u, v, w, doubt);
+    const double4 det = (u + v) + w;
+    c.u = v / det;
+    c.v = w / det;
+    c.t = ((u / det * p->az + c.u * p->bz) + c.v * p->cz) * sz;
+    const double4 aside = SHEAR_ERROR + 12 * 0x1p-53 * (reach * reach * reach / fabs(det));
+    const double4 x[3] = {p->ax, p->bx, p->cx}, y[3] = {p->ay, p->by, p->cy}, z[3] = {p->az, p->bz, p->cz};
+    c.error = t_errors(x, y, z, det, c.t, sz, 0x1p-53, aside, 0x1p-46);
+    c.unsure = open & ~apart & ((min(min(fabs(u), fabs(v)), fabs(w)) <= doubt) | ~(c.error <= LARGEST_T_ERROR));
+    c.met = ~apart & ~c.unsure;
+    return c;
+}
+
 #endif

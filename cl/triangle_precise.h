@@ -102,4 +102,54 @@ void describe(const Ray *ray, const Projection *s, MESH_PARAMETERS, uint id, con
     }
 }
 
+// difference_of_products of four; `unsure` where products may underflow.
+double4 differences_of_products(double4 p, double4 q, double4 r, double4 s, long4 *unsure)
+{
+    const Pairs a = two_products(p, q), b = two_products(r, s);
+    *unsure |= ((fabs(a.high) < SMALLEST_PRODUCT) & (p != 0.0) & (q != 0.0))
+               | ((fabs(b.high) < SMALLEST_PRODUCT) & (r != 0.0) & (s != 0.0));
+    const Pairs high = two_sums(a.high, -b.high), low = two_sums(a.low, -b.low);
+    const Pairs sum = two_sums(high.high, low.high);
+    return sum.high + (sum.low + (high.low + low.low));
+}
+
+double4 scales_up(double4 a, double4 b, double4 c)
+{
+    const double4 reach = max(max(fabs(a), fabs(b)), fabs(c));
+    // power_of_two(-clamp(exponent_above(reach), -1020, 0)).
+    const long4 exponent = clamp((as_long4(reach) >> 52 & 0x7FFl) - 1022l, -1020l, 0l);
+    return reach == 0.0 ? (double4)(1.0) : as_double4((1023l - exponent) << 52);
+}
+
+// intersect_triangle of four rays, for the lanes that are `open`.
+Crossings crossings_of(const Sheared4 *p, double4 sz, long4 open)
+{
+    Crossings c;
+    double4 u = p->cx * p->by - p->cy * p->bx;
+    double4 v = p->ax * p->cy - p->ay * p->cx;
+    double4 w = p->bx * p->ay - p->by * p->ax;
+    long4 apart = signs_differ_of_4(u, v, w, (double4)(0.0));
+    c.unsure = (long4)(0);
+    const double4 reach = reaches_of(p);
+    const long4 hard = ~apart & open
+                       & ((fabs((u + v) + w) < 2.0 * reach * reach * reach)
+                          | (min(min(fabs(u), fabs(v)), fabs(w)) < SMALLEST_PRODUCT));
+    if (any(hard)) {
+        const double4 x_scale = scales_up(p->ax, p->bx, p->cx), y_scale = scales_up(p->ay, p->by, p->cy);
+        const double4 ax = p->ax * x_scale, bx = p->bx * x_scale, cx = p->cx * x_scale;
+        const double4 ay = p->ay * y_scale, by = p->by * y_scale, cy = p->cy * y_scale;
+        u = hard ? differences_of_products(cx, by, cy, bx, &c.unsure) : u;
+        v = hard ? differences_of_products(ax, cy, ay, cx, &c.unsure) : v;
+        w = hard ? differences_of_products(bx, ay, by, ax, &c.unsure) : w;
+        c.unsure &= hard;
+        apart |= hard & signs_differ_of_4(u, v, w, (double4)(0.0));
+    }
+    const double4 det = (u + v) + w;
+    c.met = ~apart & ~c.unsure & (det != 0.0);
+    c.u = v / det;
+    c.v = w / det;
+    c.t = ((u / det * p->az + c.u * p->bz) + c.v * p->cz) * sz;
+    return c;
+}
+
 #endif

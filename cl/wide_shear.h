@@ -77,4 +77,28 @@ bool signs_differ(double u, double v, double w, double doubt)
     return (u < -doubt || v < -doubt || w < -doubt) && (u > doubt || v > doubt || w > doubt);
 }
 
+// Four rays, each with a triangle that it sees; sheared x and y may change places in all lanes alike.
+typedef struct {
+    double4 ax, ay, az, bx, by, bz, cx, cy, cz;
+} Sheared4;
+
+// What is known of their crossings without looking closer. Weights are of the second and third vertex.
+typedef struct {
+    long4 met, unsure;       // `unsure`: the test of one ray has to decide
+    double4 t, u, v;
+#ifdef RUNG_EXACT
+    double4 error;           // of t
+#endif
+} Crossings;
+
+double4 reaches_of(const Sheared4 *p)
+{
+    return max(max(max(fabs(p->ax), fabs(p->ay)), max(fabs(p->bx), fabs(p->by))), max(fabs(p->cx), fabs(p->cy)));
+}
+
+long4 signs_differ_of_4(double4 u, double4 v, double4 w, double4 doubt)
+{
+    return ((u < -doubt) | (v < -doubt) | (w < -doubt)) & ((u > doubt) | (v > doubt) | (w > doubt));
+}
+
 #endif
