@@ -59,6 +59,8 @@ Hit no_hit(void)
     miss.to = INFINITY;
 #endif
 #ifdef RUNG_EXACT
+    miss.meeting.error = 0.0;
+    miss.meeting.certain = true;
     miss.decisions = 0;
 #endif
 #ifdef COUNT_STEPS

@@ -178,6 +178,7 @@ def test_pictures_in_parts_and_bands(
     ball = procedural.icosphere(4)
     mesh = Mesh(ball.vertices, np.concatenate([ball.faces, ball.faces[::3]]))
     mesh = with_normals(mesh) if smooth else mesh
+    build(mesh, accuracy=accuracy, device=device)  # the self-test needs larger buffers
     with monkeypatch.context() as patch:
         for module in (memory, target):
             patch.setattr(module, "largest_buffer", lambda device: 12_000)

@@ -87,6 +87,7 @@ def test_tiles_in_several_parts(
     mesh = procedural.icosphere(4)
     # Copies: a hit in a later part that is as near loses.
     mesh = Mesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[::3]]))
+    build(mesh, accuracy=accuracy, device=device)  # the self-test needs larger buffers
     with monkeypatch.context() as patch:
         for module in (memory, target):
             patch.setattr(module, "largest_buffer", lambda device: most)
