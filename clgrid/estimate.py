@@ -21,7 +21,7 @@ from clgrid.mesh import Mesh
 from clgrid.resolution import BOX_PAD
 from clgrid.sightlines import Sightlines
 
-_SAMPLE = 1 << 13
+_SAMPLE = 1 << 11
 # Of CLIP_CELLS in cl/config.h: larger boxes are entered only where the triangle is.
 _CLIP_CELLS = 32
 # Neighbouring boxes overlap less than they spill over: cells that a surface of small triangles fills, beyond

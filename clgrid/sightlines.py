@@ -12,9 +12,9 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 _CELLS_ALONG = 16
-_POINTS = 1 << 13
-_LINES = 384
-_STEPS = 48
+_POINTS = 1 << 11
+_LINES = 192
+_STEPS = 24
 # No box is flatter than this, so that lines cross it.
 _FLATTEST = 1e-3
 
