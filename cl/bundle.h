@@ -1,20 +1,16 @@
 // Rays of a tile that share their major axis and the way that they go along it.
 #ifndef CLG_BUNDLE_H
 #define CLG_BUNDLE_H
-#include "beam.h"
-#include "grid.h"
+#include "way.h"
 #include "tile_rays.h"
 
 // What rounding in float32 adds to a t that something is compared with.
 #define T_PAD 0x1p-16f
 // Local t beyond which a ray is out of the grid, wherever it starts.
 #define FARTHEST_T 16.0
-// Depths that nearly coincide are taken to be so far apart: slopes between them would be made of rounding.
-#define SHORTEST_SPAN 0x1p-12f
 
 typedef struct {
-    int ku, kv, kd;               // axes; kd is the major one
-    float side;                   // 1 if the rays climb it, or -1
+    Way way;
     ulong members;                // bits, by number in the tile
     float8 ou[GROUPS], ov[GROUPS], od[GROUPS];  // origins
     float8 su[GROUPS], sv[GROUPS], sd[GROUPS];  // the shear (shear.h)
@@ -38,8 +34,6 @@ typedef struct {
 #endif
     float8 deepest;               // of each group: depth, times `side`, beyond which no hit matters
     Beams beams;                  // of the groups
-    Beam beam;                    // of all
-    float from, to;               // depths between which they hold, and all hits lie
 } Bundle;
 
 int8 members_of(const Bundle *bundle, uint g)
@@ -52,7 +46,7 @@ void set_deepest(Bundle *bundle, uint g)
 #ifdef RUNG_FAST
     const float8 depth = bundle->last[g];
 #else
-    const float8 depth = (bundle->od[g] + bundle->last[g] * bundle->dd[g]) * bundle->side;
+    const float8 depth = (bundle->od[g] + bundle->last[g] * bundle->dd[g]) * bundle->way.side;
 #endif
     float deepest[GROUPS];
     vstore8(bundle->deepest, 0, deepest);
@@ -67,7 +61,7 @@ uint groups_alive(Bundle *bundle, float depth)
     for (; bundle->stale != 0; bundle->stale &= bundle->stale - 1)
         set_deepest(bundle, lowest_of_32(bundle->stale));
 #endif
-    return bits_of(depth * bundle->side - BEAM_PAD <= bundle->deepest);
+    return bits_of(depth * bundle->way.side - BEAM_PAD <= bundle->deepest);
 }
 
 // Least and greatest of the lanes of `own`.
@@ -80,7 +74,7 @@ float2 range_of(float8 v, int8 own)
 void set_beams(Bundle *bundle)
 {
     float at[4][GROUPS], slope[4][GROUPS];
-    const float start = bundle->from, end = max(bundle->to, start + SHORTEST_SPAN);
+    const float start = bundle->way.from, end = max(bundle->way.to, start + SHORTEST_SPAN);
     const float span = end - start;
     for (uint g = 0; g < GROUPS; ++g) {
         const int8 own = members_of(bundle, g);
@@ -102,18 +96,9 @@ void set_beams(Bundle *bundle)
         const float second = i & 1 ? greatest_of(far) + BEAM_PAD : least_of(far) - BEAM_PAD;
         bundle->beams.at[i] = bound;
         bundle->beams.slope[i] = tilt;
-        bundle->beam.slope[i] = (second - first) / span;
-        bundle->beam.at[i] = first - bundle->beam.slope[i] * start;
+        bundle->way.beam.slope[i] = (second - first) / span;
+        bundle->way.beam.at[i] = first - bundle->way.beam.slope[i] * start;
     }
-}
-
-void name_axes(Bundle *bundle, ulong members, uint class)
-{
-    bundle->members = members;
-    bundle->kd = (int)(class >> 1);
-    bundle->ku = bundle->kd == 2 ? 0 : bundle->kd + 1;
-    bundle->kv = bundle->ku == 2 ? 0 : bundle->ku + 1;
-    bundle->side = class & 1 ? -1.0f : 1.0f;
 }
 
 #ifndef RUNG_FAST
@@ -136,7 +121,7 @@ double4 last_of_4(const Tile *tile, uint k)
 void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
 {
     const uint k = g * LANES;
-    const int ku = bundle->ku, kv = bundle->kv, kd = bundle->kd;
+    const int ku = bundle->way.ku, kv = bundle->way.kv, kd = bundle->way.kd;
     double4 su[2], sv[2], sd[2];
     for (uint i = 0; i < 2; ++i) {
         const uint at = k + 4 * i;
@@ -173,7 +158,8 @@ float8 within_reach(const double *t)
 // Sets up the bundle of the rays `members`, which share `class`. False: none of them is in the grid's depths.
 bool set_bundle(const Tile *tile, ulong members, uint class, __constant const GridParams *grid, Bundle *bundle)
 {
-    name_axes(bundle, members, class);
+    name_axes(&bundle->way, class);
+    bundle->members = members;
     float8 least = (float8)(INFINITY), greatest = (float8)(-INFINITY);
     for (uint g = 0; g < GROUPS; ++g) {
         double first[LANES], last[LANES];
@@ -185,10 +171,10 @@ bool set_bundle(const Tile *tile, ulong members, uint class, __constant const Gr
         least = min(least, own ? min(near, far) : (float8)(INFINITY));
         greatest = max(greatest, own ? max(near, far) : (float8)(-INFINITY));
     }
-    const float lower = (float)grid->lower[bundle->kd], upper = (float)grid->upper[bundle->kd];
-    bundle->from = max(least_of(least) - T_PAD, lower - BEAM_PAD);
-    bundle->to = min(greatest_of(greatest) + T_PAD, upper + BEAM_PAD);
-    if (!(bundle->from < bundle->to))
+    const float lower = (float)grid->lower[bundle->way.kd], upper = (float)grid->upper[bundle->way.kd];
+    bundle->way.from = max(least_of(least) - T_PAD, lower - BEAM_PAD);
+    bundle->way.to = min(greatest_of(greatest) + T_PAD, upper + BEAM_PAD);
+    if (!(bundle->way.from < bundle->way.to))
         return false;
     for (uint g = 0; g < GROUPS; ++g)
         set_deepest(bundle, g);

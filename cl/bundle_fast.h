@@ -23,18 +23,18 @@ float8 local_t(const Tile *tile, uint g, const double *scene)
 // Sets a group's rays; widens the sided coordinates that they pass.
 void load_group(const Tile *tile, Bundle *bundle, uint g, float8 *least, float8 *greatest)
 {
-    const float8 dd = vload8(g, tile->d[bundle->kd]), inverse = 1.0f / dd, od = vload8(g, tile->o[bundle->kd]);
-    bundle->ou[g] = vload8(g, tile->o[bundle->ku]);
-    bundle->ov[g] = vload8(g, tile->o[bundle->kv]);
+    const float8 dd = vload8(g, tile->d[bundle->way.kd]), inverse = 1.0f / dd, od = vload8(g, tile->o[bundle->way.kd]);
+    bundle->ou[g] = vload8(g, tile->o[bundle->way.ku]);
+    bundle->ov[g] = vload8(g, tile->o[bundle->way.kv]);
     bundle->od[g] = od;
-    bundle->su[g] = vload8(g, tile->d[bundle->ku]) * inverse;
-    bundle->sv[g] = vload8(g, tile->d[bundle->kv]) * inverse;
+    bundle->su[g] = vload8(g, tile->d[bundle->way.ku]) * inverse;
+    bundle->sv[g] = vload8(g, tile->d[bundle->way.kv]) * inverse;
     bundle->sd[g] = inverse;
     bundle->found[g] = (uint8)(NO_HIT);
     const int8 own = members_of(bundle, g);
     const float8 end = min(local_t(tile, g, tile->t_max), vload8(g, tile->t));
-    bundle->first[g] = (od + local_t(tile, g, tile->t_min) * dd) * bundle->side;
-    bundle->last[g] = own ? (od + end * dd) * bundle->side : (float8)(-INFINITY);
+    bundle->first[g] = (od + local_t(tile, g, tile->t_min) * dd) * bundle->way.side;
+    bundle->last[g] = own ? (od + end * dd) * bundle->way.side : (float8)(-INFINITY);
     *least = own ? min(*least, bundle->first[g]) : *least;
     *greatest = max(*greatest, bundle->last[g]);
 }
@@ -42,8 +42,8 @@ void load_group(const Tile *tile, Bundle *bundle, uint g, float8 *least, float8 
 // From now on seen along the middle of the beam, from `from` on.
 void straighten(Bundle *bundle)
 {
-    const Beam *beam = &bundle->beam;
-    const float start = bundle->from;
+    const Beam *beam = &bundle->way.beam;
+    const float start = bundle->way.from;
     bundle->start = start;
     for (int i = 0; i < 2; ++i) {
         const float tilt = 0.5f * (beam->slope[2 * i] + beam->slope[2 * i + 1]);
@@ -70,15 +70,16 @@ void straighten(Bundle *bundle)
 // Sets up the bundle of the rays `members`, which share `class`. False: none of them is in the grid's depths.
 bool set_bundle(const Tile *tile, ulong members, uint class, __constant const GridParams *grid, Bundle *bundle)
 {
-    name_axes(bundle, members, class);
+    name_axes(&bundle->way, class);
+    bundle->members = members;
     float8 least = (float8)(INFINITY), greatest = (float8)(-INFINITY);
     for (uint g = 0; g < GROUPS; ++g)
         load_group(tile, bundle, g, &least, &greatest);
     const float near = least_of(least) - T_PAD, far = greatest_of(greatest) + T_PAD;
-    const bool climbs = bundle->side > 0.0f;
-    bundle->from = max(climbs ? near : -far, (float)grid->lower[bundle->kd] - BEAM_PAD);
-    bundle->to = min(climbs ? far : -near, (float)grid->upper[bundle->kd] + BEAM_PAD);
-    if (!(bundle->from < bundle->to))
+    const bool climbs = bundle->way.side > 0.0f;
+    bundle->way.from = max(climbs ? near : -far, (float)grid->lower[bundle->way.kd] - BEAM_PAD);
+    bundle->way.to = min(climbs ? far : -near, (float)grid->upper[bundle->way.kd] + BEAM_PAD);
+    if (!(bundle->way.from < bundle->way.to))
         return false;
     bundle->stale = (1u << GROUPS) - 1u;
     set_beams(bundle);
@@ -185,7 +186,7 @@ void keep_of_group(Bundle *bundle, uint g, float numbers[NUMBERS][LANES], uint i
     const float8 third = numbers[6][i] + numbers[7][i] * su + numbers[8][i] * sv + numbers[9][i] * u
                          + numbers[10][i] * v + numbers[11][i] * m;
     const float8 z = (numbers[15][i] - numbers[12][i] * u - numbers[13][i] * v) * inverse;
-    const float8 depth = (z + bundle->start) * bundle->side, last = bundle->last[g];
+    const float8 depth = (z + bundle->start) * bundle->way.side, last = bundle->last[g];
     const uint8 found = bundle->found[g];
     const int8 takes = are_inside(second * inverse, third * inverse) & (depth >= bundle->first[g])
                        & ((depth < last) | ((depth == last) & ((uint8)(id) < found)));
@@ -202,7 +203,7 @@ __attribute__((noinline))
 void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
 {
     const Corners8 corners = gather_corners(vertices, faces, ids, count);
-    const Triangles along = along_axes(&corners, bundle->kd);
+    const Triangles along = along_axes(&corners, bundle->way.kd);
     const Prepared p = prepare(bundle, &along);
     const uint near = near_beam(bundle, &p) & ((1u << count) - 1u);
     if (near == 0)
@@ -226,7 +227,7 @@ void settle(Tile *tile, const Bundle *bundle)
     for (uint g = 0; g < GROUPS; ++g) {
         const uint8 found = bundle->found[g], ids = vload8(g, tile->ids);
         const int8 has = found != NO_HIT;
-        const float8 t = (bundle->last[g] * bundle->side - bundle->od[g]) * bundle->sd[g];
+        const float8 t = (bundle->last[g] * bundle->way.side - bundle->od[g]) * bundle->sd[g];
         vstore8(has ? found : ids, g, tile->ids);
         vstore8(has ? t : vload8(g, tile->t), g, tile->t);
     }

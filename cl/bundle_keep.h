@@ -156,8 +156,8 @@ __attribute__((noinline))
 void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
 {
     const Corners8 corners = gather_corners(vertices, faces, ids, count);
-    const Triangles p = along_axes(&corners, bundle->kd);
-    uint near = bits_of(may_meet(&bundle->beam, &p)) & ((1u << count) - 1u);
+    const Triangles p = along_axes(&corners, bundle->way.kd);
+    uint near = bits_of(may_meet(&bundle->way.beam, &p)) & ((1u << count) - 1u);
     if (near == 0)
         return;
     float of[9][LANES];

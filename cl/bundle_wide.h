@@ -11,7 +11,7 @@ double on_axis(const Corners *corners, uint i, int axis)
 
 Sheared4 sheared_by_4(const Tile *tile, const Bundle *bundle, uint k, const Corners *corners)
 {
-    const int ku = bundle->ku, kv = bundle->kv, kd = bundle->kd;
+    const int ku = bundle->way.ku, kv = bundle->way.kv, kd = bundle->way.kd;
     const double4 ou = vload4(0, tile->o[ku] + k), ov = vload4(0, tile->o[kv] + k), od = vload4(0, tile->o[kd] + k);
     const double4 su = vload4(0, bundle->shear[0] + k), sv = vload4(0, bundle->shear[1] + k);
     Sheared4 p;

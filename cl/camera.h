@@ -25,42 +25,56 @@ void camera_directions(__constant const CameraParams *camera, uint x, uint y, do
     }
 }
 
-// Whether no ray through pixels (left, top) .. (right, bottom) comes near the grid: whether its box, BEAM_PAD wider, lies on
-// the far side of one of the four planes through the eye and the outermost rays. What is rounded is below 2^-46 of
-// the lengths multiplied.
-bool sees_nothing(__constant const CameraParams *camera, __constant const FrameParams *frame,
-                  __constant const GridParams *grid, uint left, uint top, uint right, uint bottom)
+#ifdef CLG_WAY_H
+// The way of the rays through pixels (left, top) .. (right, bottom), for passes_nothing. False: they share no axis, or
+// come from so far that what rounding does to them may be more than BEAM_PAD. Of rays from one point, those through
+// the corners have the least and the greatest slopes.
+bool way_of_pixels(__constant const CameraParams *camera, __constant const FrameParams *frame,
+                   __constant const GridParams *grid, uint left, uint top, uint right, uint bottom, Way *way)
 {
-    double4 view[4], middle = (double4)(0.0);
-    for (uint i = 0; i < 4; ++i) {
-        double d[3];
-        camera_direction(camera, i == 1 || i == 2 ? right : left, i >= 2 ? bottom : top, d);
-        view[i] = (double4)(d[0], d[1], d[2], 0.0);
-        middle = middle + view[i];
+    double view[4][3], middle[3] = {0.0, 0.0, 0.0}, eye[3], longest = 0.0;
+    for (uint i = 0; i < 4; ++i)
+        camera_direction(camera, i & 1 ? right : left, i & 2 ? bottom : top, view[i]);
+    uint class = 0;
+    for (uint a = 0; a < 3; ++a) {
+        middle[a] = (view[0][a] + view[3][a]) + (view[1][a] + view[2][a]);
+        eye[a] = (camera->eye[a] - frame->offset[a]) * frame->scale;
+        if (!(fabs(eye[a]) < 0x1p+20))
+            return false;
+        if (fabs(middle[a]) > longest) {
+            longest = fabs(middle[a]);
+            class = 2 * a + (middle[a] < 0.0 ? 1 : 0);
+        }
     }
-    const double4 eye = (double4)(camera->eye[0], camera->eye[1], camera->eye[2], 0.0);
-    const double4 offset = (double4)(frame->offset[0], frame->offset[1], frame->offset[2], 0.0);
-    const double4 lower = (double4)(grid->lower[0], grid->lower[1], grid->lower[2], 0.0);
-    const double4 upper = (double4)(grid->upper[0], grid->upper[1], grid->upper[2], 0.0);
-    const double4 extent = (upper - lower) * 0.5, to_box = (lower + upper) * 0.5 - (eye - offset) * frame->scale;
-    // From farther away, what rounding does to the rays may be more than BEAM_PAD there.
-    if (!(fmax(fmax(fabs(to_box.x), fabs(to_box.y)), fabs(to_box.z)) < 0x1p+20))
-        return false;
-    for (uint i = 0; i < 4; ++i) {
-        const double4 a = view[i], b = view[(i + 1) % 4];
-        const double4 n = a.yzxw * b.zxyw - a.zxyw * b.yzxw;
-        const double4 terms = fabs(a.yzxw * b.zxyw) + fabs(a.zxyw * b.yzxw);
-        const double4 along = n * middle, unsure = terms * fabs(middle);
-        const double side = along.x + along.y + along.z;
-        if (!(fabs(side) > 0x1p-46 * (unsure.x + unsure.y + unsure.z)))
-            continue;
-        const double4 inward = side < 0.0 ? -n : n, size = fabs(n);
-        const double4 far = inward * to_box, room = size * (extent + BEAM_PAD);
-        const double4 doubt = terms * (fabs(to_box) + extent);
-        if ((far.x + far.y + far.z) + (room.x + room.y + room.z) < -0x1p-46 * (doubt.x + doubt.y + doubt.z))
-            return true;
+    name_axes(way, class);
+    const int kd = way->kd;
+    const float start = (float)eye[kd], lower = (float)grid->lower[kd], upper = (float)grid->upper[kd];
+    const bool climbs = way->side > 0.0f;
+    way->from = (climbs ? max(start, lower) : lower) - BEAM_PAD;
+    way->to = (climbs ? upper : min(start, upper)) + BEAM_PAD;
+    const double near = way->from - eye[kd], far = max(way->to, way->from + SHORTEST_SPAN) - eye[kd];
+    for (int i = 0; i < 2; ++i) {
+        const int axis = i ? way->kv : way->ku;
+        double least = INFINITY, greatest = -INFINITY;
+        for (uint k = 0; k < 4; ++k) {
+            const double slope = view[k][axis] / view[k][kd];
+            if (!(view[k][kd] * way->side > 0.0 && fabs(slope) < 1.5))
+                return false;
+            least = min(least, slope);
+            greatest = max(greatest, slope);
+        }
+        const double low_near = eye[axis] + min(near * least, near * greatest) - BEAM_PAD;
+        const double low_far = eye[axis] + min(far * least, far * greatest) - BEAM_PAD;
+        const double high_near = eye[axis] + max(near * least, near * greatest) + BEAM_PAD;
+        const double high_far = eye[axis] + max(far * least, far * greatest) + BEAM_PAD;
+        const double low_slope = (low_far - low_near) / (far - near), high_slope = (high_far - high_near) / (far - near);
+        way->beam.slope[2 * i] = (float)low_slope;
+        way->beam.slope[2 * i + 1] = (float)high_slope;
+        way->beam.at[2 * i] = (float)(low_near - low_slope * way->from);
+        way->beam.at[2 * i + 1] = (float)(high_near - high_slope * way->from);
     }
-    return false;
+    return true;
 }
+#endif
 
 #endif

@@ -112,10 +112,19 @@ void ask_for_ids(const List *list, LIST_PARAMETERS)
 #endif
 }
 
-// Whether none of `count` consecutive cells, a brick's row of them at most, has a list.
+// Whether none of `count` consecutive cells has a list.
 bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_PARAMETERS)
 {
-#if defined(LAYOUT_HASHED) || defined(LAYOUT_LINKED_LIST) || defined(LAYOUT_DYNAMIC_ARRAY)
+#if defined(LAYOUT_HASHED)
+    const uint end = first + count;
+    for (uint cell = first; cell < end;) {
+        const uint x = cell & (ROW_CELLS - 1), in_row = min(ROW_CELLS - x, end - cell);
+        if ((domain[cell >> ROW_SHIFT] >> x & (~0ul >> (ROW_CELLS - in_row))) != 0)
+            return false;
+        cell += in_row;
+    }
+    return true;
+#elif defined(LAYOUT_LINKED_LIST) || defined(LAYOUT_DYNAMIC_ARRAY)
     for (uint cell = first; cell < first + count; ++cell)
         if (find_list(cell, grid, LIST_ARGUMENTS).count != 0)
             return false;

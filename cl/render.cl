@@ -6,8 +6,8 @@
 //   steps    COUNT_STEPS: cells that the ray looked at
 //   t_errs   WITH_T_ERR: bound on the error of t, in lengths of the ray, 0 on a miss
 //   nearest  PARTS: the nearest hit in the parts before (parts.h); they left their pixels
-#include "camera.h"
 #include "tile.h"
+#include "camera.h"
 #ifdef RUNG_FAST
 #ifndef ALONE
 #include "camera_fast.h"
@@ -80,7 +80,13 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
     Tile tile;
     start_tile(&tile, frame, grid);
-    const bool blank = sees_nothing(camera, frame, grid, left, first_row + top, right - 1, first_row + bottom - 1);
+#ifdef ALONE
+    const bool blank = false;
+#else
+    Way way;
+    const bool blank = way_of_pixels(camera, frame, grid, left, first_row + top, right - 1, first_row + bottom - 1, &way)
+                       && passes_nothing(&way, GRID_ARGUMENTS);
+#endif
     if (!blank)
         load_camera_rays(&tile, camera, frame, left, first_row + top);
     ulong shown = 0;
