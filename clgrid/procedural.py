@@ -18,7 +18,7 @@ Points = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.uint32]
 Patch = tuple[Points, Faces]
 
-_MAX_ICOSPHERE, _MAX_TERRAIN = 9, 4096
+_MAX_ICOSPHERE, _MAX_TERRAIN = 9, 8192
 
 
 def cube() -> Mesh:
@@ -48,7 +48,7 @@ def terrain(side: int = 512) -> Mesh:
     Raises
     ------
     InputError
-        If ``side`` is not in 1..4096.
+        If ``side`` is not in 1..8192.
     """
     _check_range("terrain", side, 1, _MAX_TERRAIN)
     x, y, height, faces = _hills(side, extent=10.0)
