@@ -26,7 +26,9 @@ def test_each_table_has_a_row_for_each_number(device: Device) -> None:
 
 
 def test_empty_lists_leave_tables_out(device: Device) -> None:
-    done = run("--triangles=", "--sizes=", "--threads=", "--starts", "0", "--device", device.description.label)
+    done = run(
+        "--triangles=", "--sizes=", "--threads=", "--starts", "0", "--device", device.description.label
+    )
     assert done.returncode == 0, done.stderr
     assert "|" not in done.stdout
 
@@ -35,4 +37,5 @@ def test_empty_lists_leave_tables_out(device: Device) -> None:
 def test_what_is_no_list_of_counts_is_refused_in_one_line(words: tuple[str, ...]) -> None:
     done = run(*words, "--starts", "0")
     assert done.returncode == 1
-    assert len(done.stderr.splitlines()) == 1 and words[0] in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert words[0] in done.stderr
