@@ -200,11 +200,10 @@ void keep_of_group(Bundle *bundle, uint g, float numbers[NUMBERS][LANES], uint i
 
 // 1 to 8 triangles, for the groups whose bits are set in `alive`.
 __attribute__((noinline))
-void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
+void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const Triangles *triangles, const uint *ids, uint count,
+                    MESH_PARAMETERS)
 {
-    const Corners8 corners = gather_corners(vertices, faces, ids, count);
-    const Triangles along = along_axes(&corners, bundle->way.kd);
-    const Prepared p = prepare(bundle, &along);
+    const Prepared p = prepare(bundle, triangles);
     const uint near = near_beam(bundle, &p) & ((1u << count) - 1u);
     if (near == 0)
         return;

@@ -153,23 +153,22 @@ void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Triangle *p, uint i
 
 // 1 to 8 triangles, for the groups whose bits are set in `alive`.
 __attribute__((noinline))
-void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const uint *ids, uint count, MESH_PARAMETERS)
+void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const Triangles *p, const uint *ids, uint count,
+                    MESH_PARAMETERS)
 {
-    const Corners8 corners = gather_corners(vertices, faces, ids, count);
-    const Triangles p = along_axes(&corners, bundle->way.kd);
-    uint near = bits_of(may_meet(&bundle->way.beam, &p)) & ((1u << count) - 1u);
+    uint near = bits_of(may_meet(&bundle->way.beam, p)) & ((1u << count) - 1u);
     if (near == 0)
         return;
     float of[9][LANES];
-    vstore8(p.au, 0, of[0]);
-    vstore8(p.av, 0, of[1]);
-    vstore8(p.ad, 0, of[2]);
-    vstore8(p.bu, 0, of[3]);
-    vstore8(p.bv, 0, of[4]);
-    vstore8(p.bd, 0, of[5]);
-    vstore8(p.cu, 0, of[6]);
-    vstore8(p.cv, 0, of[7]);
-    vstore8(p.cd, 0, of[8]);
+    vstore8(p->au, 0, of[0]);
+    vstore8(p->av, 0, of[1]);
+    vstore8(p->ad, 0, of[2]);
+    vstore8(p->bu, 0, of[3]);
+    vstore8(p->bv, 0, of[4]);
+    vstore8(p->bd, 0, of[5]);
+    vstore8(p->cu, 0, of[6]);
+    vstore8(p->cv, 0, of[7]);
+    vstore8(p->cd, 0, of[8]);
     for (; near != 0; near &= near - 1) {
         const uint i = lowest_of_32(near);
         const Triangle one = {of[0][i], of[1][i], of[2][i], of[3][i], of[4][i], of[5][i], of[6][i], of[7][i], of[8][i]};

@@ -18,7 +18,7 @@ __kernel void cast_any(__constant const FrameParams *frame, GRID_PARAMETERS, MES
         if (i < ray_count && occluded[i])
             tile.reach &= ~(1ul << k);
     }
-    cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    cast_tiles(&tile, 1, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint k = 0; k < TILE_RAYS; ++k) {
         const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
         if (i < ray_count && hit_of(&tile, k).id != NO_HIT)

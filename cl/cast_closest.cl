@@ -30,7 +30,7 @@ __kernel void cast_closest(__constant const FrameParams *frame, GRID_PARAMETERS,
             set_hit(&tile, k, bound_of(nearest + NEAREST_REALS * i));
     }
 #endif
-    cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    cast_tiles(&tile, 1, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint k = 0; k < TILE_RAYS; ++k) {
         const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
         if (i >= ray_count)

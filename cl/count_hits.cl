@@ -14,7 +14,7 @@ __kernel void count_hits(__constant const FrameParams *frame, GRID_PARAMETERS, M
     Tile tile;
     start_tile(&tile, frame, grid);
     invalid[number] = load_tile(&tile, number, ORDER_ARGUMENTS, frame, RAY_ARGUMENTS);
-    cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    cast_tiles(&tile, 1, GRID_ARGUMENTS, MESH_ARGUMENTS);
     for (uint k = 0; k < TILE_RAYS; ++k) {
         const size_t i = ray_in_tile(number, k, ORDER_ARGUMENTS);
         if (i < ray_count)

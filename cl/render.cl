@@ -1,4 +1,4 @@
-// A picture of the grid's triangles: one work-item casts and shades the rays of a TILE x TILE square.
+// A picture of the grid's triangles: one work-item casts and shades the rays of a BLOCK x BLOCK square.
 //   rgba     4 floats a pixel: linear colour, coverage            pixel (x, y) of the band of rows
 //   depth    AOV_DEPTH: planar depth, scene units, inf on a miss  first_row .. first_row + row_count
 //   normal   AOV_NORMAL: 3 floats, unit, on the viewer's side     is number (y - first_row) * width + x
@@ -6,6 +6,9 @@
 //   steps    COUNT_STEPS: cells that the ray looked at
 //   t_errs   WITH_T_ERR: bound on the error of t, in lengths of the ray, 0 on a miss
 //   nearest  PARTS: the nearest hit in the parts before (parts.h); they left their pixels
+#define TILES_ALONG 2
+#define TILES_TOGETHER (TILES_ALONG * TILES_ALONG)
+
 #include "tile.h"
 #include "camera.h"
 #ifdef RUNG_FAST
@@ -22,6 +25,7 @@
 #endif
 
 #define TILE 8
+#define BLOCK (TILES_ALONG * TILE)
 
 // Groups of rays that are tested together are 4 x 2 pixels.
 uint number_in_tile(uint x, uint y)
@@ -75,112 +79,123 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #endif
                      __global float *rgba)
 {
-    const uint tiles_across = (camera->width + TILE - 1) / TILE;
-    const uint left = get_global_id(0) % tiles_across * TILE, top = get_global_id(0) / tiles_across * TILE;
-    const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
-    Tile tile;
-    start_tile(&tile, frame, grid);
+    const uint across = (camera->width + BLOCK - 1) / BLOCK;
+    const uint block_x = get_global_id(0) % across * BLOCK, block_y = get_global_id(0) / across * BLOCK;
 #ifdef ALONE
     const bool blank = false;
 #else
     Way way;
-    const bool blank = way_of_pixels(camera, frame, grid, left, first_row + top, right - 1, first_row + bottom - 1, &way)
+    const bool blank = way_of_pixels(camera, frame, grid, block_x, first_row + block_y,
+                                     min(block_x + BLOCK, camera->width) - 1,
+                                     first_row + min(block_y + BLOCK, row_count) - 1, &way)
                        && passes_nothing(&way, GRID_ARGUMENTS);
 #endif
-    if (!blank)
-        load_camera_rays(&tile, camera, frame, left, first_row + top);
-    ulong shown = 0;
-    for (uint y = top; y < bottom; ++y)
-        for (uint x = left; x < right; ++x) {
-            const uint k = number_in_tile(x - left, y - top);
-            shown |= 1ul << k;
+    Tile tiles[TILES_TOGETHER];
+    for (uint number = 0; number < TILES_TOGETHER; ++number) {
+        Tile *tile = tiles + number;
+        const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
+        const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
+        start_tile(tile, frame, grid);
+        if (!blank && left < right && top < bottom)
+            load_camera_rays(tile, camera, frame, left, first_row + top);
+        ulong shown = 0;
+        for (uint y = top; y < bottom; ++y)
+            for (uint x = left; x < right; ++x) {
+                const uint k = number_in_tile(x - left, y - top);
+                shown |= 1ul << k;
 #ifdef PARTS
-            set_hit(&tile, k, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
+                set_hit(tile, k, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
 #endif
-        }
-    tile.reach &= shown;
-    cast_tile(&tile, GRID_ARGUMENTS, MESH_ARGUMENTS);
-#ifdef RUNG_FAST
-    Shaded shaded;
-    shade_tile(&tile, MESH_ARGUMENTS,
-#ifdef SMOOTH_NORMALS
-               vertex_normals,
-#endif
-               &shaded);
-#endif
-    for (uint y = top; y < bottom; ++y)
-        for (uint x = left; x < right; x += 4) {
-            const uint k = number_in_tile(x - left, y - top);
-            const size_t pixel = (size_t)y * camera->width + x;
-            const uint4 found = ids_of_4(&tile, k);
-            const int4 missed = found == NO_HIT;
-#ifdef RUNG_FAST
-            const float4 light = vload4(0, shaded.light + k);
-#else
-            Vectors normal = {(double4)(0.0), (double4)(0.0), (double4)(0.0)};
-            float4 light = (float4)(0.0f);
-            if (!all(missed)) {
-                double views[3][4];
-                camera_directions(camera, x, first_row + y, views);
-                Vectors view = {vload4(0, views[0]), vload4(0, views[1]), vload4(0, views[2])};
-                to_unit(&view);
-                // Triangle 0 stands in where there is none.
-                const uint4 ids_or_0 = missed ? (uint4)(0) : found;
-                normal = face_normals(vertices, faces, ids_or_0, &view);
-#ifdef SMOOTH_NORMALS
-                const Weights weights = weights_of_4(&tile, k, ids_or_0, MESH_ARGUMENTS);
-                normal = smooth_normals(vertex_normals, faces, ids_or_0, weights.u, weights.v, normal);
-#endif
-                light = headlights(&normal, &view);
             }
-#endif
-            float lights[4];
-            vstore4(light, 0, lights);
-#ifdef AOV_NORMAL
-            float x_of[4], y_of[4], z_of[4];
+        tile->reach &= shown;
+    }
+    cast_tiles(tiles, TILES_TOGETHER, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    for (uint number = 0; number < TILES_TOGETHER; ++number) {
+        const Tile *tile = tiles + number;
+        const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
+        const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
 #ifdef RUNG_FAST
-            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[0] + k), 0, x_of);
-            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[1] + k), 0, y_of);
-            vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[2] + k), 0, z_of);
+        Shaded shaded;
+        shade_tile(tile, MESH_ARGUMENTS,
+#ifdef SMOOTH_NORMALS
+                   vertex_normals,
+#endif
+                   &shaded);
+#endif
+        for (uint y = top; y < bottom; ++y)
+            for (uint x = left; x < right; x += 4) {
+                const uint k = number_in_tile(x - left, y - top);
+                const size_t pixel = (size_t)y * camera->width + x;
+                const uint4 found = ids_of_4(tile, k);
+                const int4 missed = found == NO_HIT;
+#ifdef RUNG_FAST
+                const float4 light = vload4(0, shaded.light + k);
 #else
-            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.x), 0, x_of);
-            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.y), 0, y_of);
-            vstore4(missed ? (float4)(0.0f) : convert_float4(normal.z), 0, z_of);
+                Vectors normal = {(double4)(0.0), (double4)(0.0), (double4)(0.0)};
+                float4 light = (float4)(0.0f);
+                if (!all(missed)) {
+                    double views[3][4];
+                    camera_directions(camera, x, first_row + y, views);
+                    Vectors view = {vload4(0, views[0]), vload4(0, views[1]), vload4(0, views[2])};
+                    to_unit(&view);
+                    // Triangle 0 stands in where there is none.
+                    const uint4 ids_or_0 = missed ? (uint4)(0) : found;
+                    normal = face_normals(vertices, faces, ids_or_0, &view);
+#ifdef SMOOTH_NORMALS
+                    const Weights weights = weights_of_4(tile, k, ids_or_0, MESH_ARGUMENTS);
+                    normal = smooth_normals(vertex_normals, faces, ids_or_0, weights.u, weights.v, normal);
+#endif
+                    light = headlights(&normal, &view);
+                }
+#endif
+                float lights[4];
+                vstore4(light, 0, lights);
+#ifdef AOV_NORMAL
+                float x_of[4], y_of[4], z_of[4];
+#ifdef RUNG_FAST
+                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[0] + k), 0, x_of);
+                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[1] + k), 0, y_of);
+                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[2] + k), 0, z_of);
+#else
+                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.x), 0, x_of);
+                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.y), 0, y_of);
+                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.z), 0, z_of);
 #endif
 #endif
-            for (uint i = 0; i < 4 && x + i < right; ++i) {
-                const Hit hit = hit_of(&tile, k + i);
-                const size_t at = pixel + i;
+                for (uint i = 0; i < 4 && x + i < right; ++i) {
+                    const Hit hit = hit_of(tile, k + i);
+                    const size_t at = pixel + i;
 #ifdef COUNT_STEPS
-                steps[at] += hit.steps;
+                    steps[at] += hit.steps;
 #endif
 #ifdef PARTS
-                __global real *bound = nearest + NEAREST_REALS * at;
-                if (!is_nearer(&hit, bound))
-                    continue;
-                store_nearest(&hit, bound);
+                    __global real *bound = nearest + NEAREST_REALS * at;
+                    if (!is_nearer(&hit, bound))
+                        continue;
+                    store_nearest(&hit, bound);
 #endif
-                const bool lit = hit.id != NO_HIT;
-                vstore4(lit ? (float4)(lights[i], lights[i], lights[i], 1.0f)
-                            : (float4)(background_r, background_g, background_b, 0.0f), at, rgba);
+                    const bool lit = hit.id != NO_HIT;
+                    vstore4(lit ? (float4)(lights[i], lights[i], lights[i], 1.0f)
+                                : (float4)(background_r, background_g, background_b, 0.0f), at, rgba);
 #ifdef AOV_DEPTH
-                const Ray ray = ray_of(&tile, k + i);
-                depth[at] = lit ? (float)reported_t(&ray, &hit.meeting) : INFINITY;
+                    const Ray ray = ray_of(tile, k + i);
+                    depth[at] = lit ? (float)reported_t(&ray, &hit.meeting) : INFINITY;
 #endif
 #ifdef WITH_T_ERR
-                const double t_err = described_hit(&tile, k + i, MESH_ARGUMENTS).t_err;
-                t_errs[at] = lit ? (float)(t_err * (1.0 + 0x1p-22)) : 0.0f;  // not rounded down
+                    const double t_err = described_hit(tile, k + i, MESH_ARGUMENTS).t_err;
+                    t_errs[at] = lit ? (float)(t_err * (1.0 + 0x1p-22)) : 0.0f;  // not rounded down
 #endif
 #ifdef AOV_NORMAL
-                vstore3((float3)(x_of[i], y_of[i], z_of[i]), at, normals);
+                    vstore3((float3)(x_of[i], y_of[i], z_of[i]), at, normals);
 #endif
 #ifdef AOV_ID
 #ifdef PARTS
-                ids[at] = grid->first_triangle + hit.id;
+                    ids[at] = grid->first_triangle + hit.id;
 #else
-                ids[at] = hit.id;
+                    ids[at] = hit.id;
 #endif
 #endif
+                }
             }
-        }
+    }
 }

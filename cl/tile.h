@@ -5,6 +5,11 @@
 // Numbers that are tuned, in upper case, come from clgrid/tuning.py.
 #ifndef CLG_TILE_H
 #define CLG_TILE_H
+// Tiles that a work-item casts: their rays go together where they keep together.
+#ifndef TILES_TOGETHER
+#define TILES_TOGETHER 1
+#endif
+
 #include "grid.h"
 #ifdef IN_TURNS
 #include "herd.h"
@@ -53,28 +58,66 @@ void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 }
 #endif
 
-// What the query asks for of the triangles that the tile's rays meet, but for weights and the like.
-void cast_tile(Tile *tile, GRID_PARAMETERS, MESH_PARAMETERS)
+#ifndef ALONE
+// Bundles of one class of the rays `pending` of `count` tiles, which no longer are; how many. Few rays go alone.
+uint gather_company(Company *company, Tile *tiles, uint count, ulong *pending, __constant const GridParams *grid)
+{
+    uint size = 0, class = 0;
+    bool found = false;
+    for (uint i = 0; i < count; ++i) {
+        uint own;
+        if (pending[i] == 0)
+            continue;
+        const ulong members = take_class(tiles + i, pending[i], &own);
+        class = found ? class : own;
+        found = true;
+        if (own != class)
+            continue;
+        pending[i] &= ~members;
+        company->tiles[size] = tiles + i;
+        if (popcount(members) < FEWEST_TOGETHER)
+            tiles[i].alone |= members;
+        else if (set_bundle(tiles + i, members, class, grid, company->bundles + size))
+            ++size;
+    }
+    return size;
+}
+
+// Casts the bundles of a company together, or else each by itself, or else each ray.
+void cast_company(Company *company, uint size, GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    if (size == 0 || (size > 1 && walk_slices(company, 0, size, GRID_ARGUMENTS, MESH_ARGUMENTS)))
+        return;
+    for (uint b = 0; b < size; ++b)
+        if (!walk_slices(company, b, b + 1, GRID_ARGUMENTS, MESH_ARGUMENTS))
+            company->tiles[b]->alone |= company->bundles[b].members;
+}
+#endif
+
+// What the query asks for of the triangles that the rays of `count` tiles meet, but for weights and the like.
+void cast_tiles(Tile *tiles, uint count, GRID_PARAMETERS, MESH_PARAMETERS)
 {
 #ifdef ALONE
-    cast_alone(tile, tile->reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    for (uint i = 0; i < count; ++i)
+        cast_alone(tiles + i, tiles[i].reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #else
-    for (ulong pending = tile->reach & ~tile->alone; pending != 0;) {
-        uint class;
-        const ulong members = take_class(tile, pending, &class);
-        pending &= ~members;
-        Bundle bundle;
-        if (popcount(members) < FEWEST_TOGETHER)
-            tile->alone |= members;
-        else if (set_bundle(tile, members, class, grid, &bundle)
-                 && !walk_slices(tile, &bundle, GRID_ARGUMENTS, MESH_ARGUMENTS))
-            tile->alone |= members;
+    ulong pending[TILES_TOGETHER];
+    for (uint i = 0; i < count; ++i)
+        pending[i] = tiles[i].reach & ~tiles[i].alone;
+    Company company;
+    for (ulong left = 1; left != 0;) {
+        const uint size = gather_company(&company, tiles, count, pending, grid);
+        cast_company(&company, size, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #ifdef RUNG_FAST
-        else
-            settle(tile, &bundle);  // nothing, if the bundle was not set
+        for (uint b = 0; b < size; ++b)
+            settle(company.tiles[b], company.bundles + b);
 #endif
+        left = 0;
+        for (uint i = 0; i < count; ++i)
+            left |= pending[i];
     }
-    cast_alone(tile, tile->alone & tile->reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    for (uint i = 0; i < count; ++i)
+        cast_alone(tiles + i, tiles[i].alone & tiles[i].reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #endif
 }
 

@@ -30,7 +30,7 @@ from clgrid.tuning import tuning_of
 AOVS = ("depth", "normal", "id", "steps", "t_err")
 DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
 
-_TILE = 8  # as in cl/render.cl
+_BLOCK = 16  # as in cl/render.cl
 _MOST_PIXELS = 1 << 28
 # Bands of a picture whose progress is watched: each costs one launch.
 _BANDS = 16
@@ -149,7 +149,7 @@ def warm_up(
     build(triangle, layout, device=device, skipping=skipping, **build_options)
     for each, skip in kinds(layout, skipping):
         options = {**build_options, "layout": each, "skipping": skip, "density": 1.0}
-        render(triangle, width=_TILE, height=_TILE, aovs=aovs, device=device, **options)
+        render(triangle, width=_BLOCK, height=_BLOCK, aovs=aovs, device=device, **options)
     return time.perf_counter() - start
 
 
@@ -208,15 +208,15 @@ def _draw(
         nearest[..., 0] = np.inf
         arrays.append(nearest)
     arrays.append(image.rgba)
-    tiles_across = -(-image.width // _TILE)
+    blocks_across = -(-image.width // _BLOCK)
     for first, last in _bands(image.width, image.height, device, watched=progress is not None):
         pieces = [array[first:last] for array in arrays]
         outputs = [allocator.results(piece) for piece in pieces]
-        tiles = tiles_across * -(-(last - first) // _TILE)
+        blocks = blocks_across * -(-(last - first) // _BLOCK)
         for part, own_normals in zip(parts, normals, strict=True):
             draw = kernel(device, "render.cl", "render", **options, **part.defines)
             draw(
-                device.queue, (tiles,), (1,), *inputs, *part.arguments, np.uint32(first),
+                device.queue, (blocks,), (1,), *inputs, *part.arguments, np.uint32(first),
                 np.uint32(last - first), *colour, *own_normals, *outputs,
             )  # fmt: skip
         for piece, buffer in zip(pieces, outputs, strict=True):
@@ -249,8 +249,8 @@ def _bands(width: int, height: int, device: Device, *, watched: bool) -> Iterato
     rows = max(1, largest // (_BYTES_PER_PIXEL * width))
     if watched:
         rows = min(rows, -(-height // _BANDS))
-    if rows > _TILE:
-        rows -= rows % _TILE
+    if rows > _BLOCK:
+        rows -= rows % _BLOCK
     for first in range(0, height, rows):
         yield first, min(first + rows, height)
 
