@@ -4,16 +4,16 @@
 #define CLG_SLICES_H
 #include "bundle_keep.h"
 
-// Triangles that are remembered so as not to be tested again, by the last digits of their ids.
+// Triangles that are remembered for each tile so as not to be tested again, by the last digits of their ids.
 #ifndef REMEMBERED
-#define REMEMBERED 128u
+#define REMEMBERED 256u
 #endif
 #define MOST_WAITING 64u
 
 // Triangles that wait to be tested.
 typedef struct {
     uint ids[MOST_WAITING];
-    uint seen[REMEMBERED];
+    uint seen[REMEMBERED * TILES_TOGETHER];
 } Waiting;
 
 // Bundles that go the same way together, each of a tile of its own.
@@ -57,7 +57,7 @@ uint take_run(Company *company, uint begin, uint end, Waiting *waiting, uint cou
         for (uint i = 0; i < list.count; ++i) {
             const uint id = entries[i];
 #endif
-            const uint at = id % REMEMBERED;
+            const uint at = id % (REMEMBERED * TILES_TOGETHER);
             ask_for(faces + 3 * (size_t)id);
             waiting->ids[count] = id;
             count += waiting->seen[at] != id ? 1 : 0;
@@ -118,7 +118,7 @@ bool walk_slices(Company *company, uint begin, uint end, GRID_PARAMETERS, MESH_P
     const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
     const int final = slice_at(grid, kd, climbs ? way.to : way.from);
     Waiting waiting;
-    for (uint i = 0; i < REMEMBERED; i += LANES)
+    for (uint i = 0; i < REMEMBERED * TILES_TOGETHER; i += LANES)
         vstore8((uint8)(NO_HIT), 0, waiting.seen + i);
 #ifdef SKIP_EMPTY
     int layer = -1;

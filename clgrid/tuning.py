@@ -32,7 +32,7 @@ class Tuning:
 
     widest_slice: int = 128
     fewest_together: int = 12
-    remembered: int = 128
+    remembered: int = 256
     herd: int = 16
     fewest_in_turns: int = 1 << 19
 
