@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from clgrid.grid import build
 from clgrid.hits import Hits
 from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
+from clgrid.renderer import render
 from clgrid.tuning import Tuning, tried
 
 F64 = npt.NDArray[np.float64]
@@ -342,8 +344,8 @@ def small_meshes(draw: st.DrawFn) -> Mesh:
 
 
 @st.composite
-def camera_rays(draw: st.DrawFn) -> Query:
-    """Of a camera anywhere that looks anywhere, with any field of view: a picture of any size."""
+def cameras(draw: st.DrawFn) -> Camera:
+    """Anywhere, looking anywhere, with any field of view."""
     eye = np.array(draw(_POINT))
     way = np.array(draw(st.tuples(*[st.sampled_from([-1.0, 0.0, 1.0, 0.3, -0.7, *NEARLY_ZERO])] * 3)))
     if draw(st.booleans()):
@@ -353,12 +355,17 @@ def camera_rays(draw: st.DrawFn) -> Query:
     way = way / np.abs(way).max()
     axis = np.abs(way).argmin()
     fov = draw(st.one_of(st.floats(1e-6, 179.9), st.sampled_from([1e-9, 40.0, 90.0, 150.0])))
-    camera = Camera.look_at(np.zeros(3), way, np.eye(3)[axis], fov)
-    o, d = camera.rays(draw(st.integers(1, 40)), draw(st.integers(1, 40)))
+    return replace(Camera.look_at(np.zeros(3), way, np.eye(3)[axis], fov), eye=eye)
+
+
+@st.composite
+def camera_rays(draw: st.DrawFn) -> Query:
+    """Of a picture of any size."""
+    o, d = draw(cameras()).rays(draw(st.integers(1, 40)), draw(st.integers(1, 40)))
     low, high = draw(
         st.sampled_from([(0.0, np.inf), (-np.inf, np.inf), (-np.inf, 0.0), (1.0, 3.0), (2.0, 2.0)])
     )
-    return shaped(o + eye, d, low, high)
+    return shaped(o, d, low, high)
 
 
 @pytest.mark.slow
@@ -378,6 +385,38 @@ def test_any_camera_sees_what_brute_force_sees(
     assert_brute(mesh, device, accuracy, rays, [options])
     with pytest.MonkeyPatch.context() as patch, tiles_as_given(patch, rays[0].shape[1]):
         assert_brute(mesh, device, accuracy, rays, [options])
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+@pytest.mark.parametrize("accuracy", RUNGS)
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(
+    mesh=small_meshes(),
+    camera=cameras(),
+    size=st.tuples(st.integers(1, 60), st.integers(1, 60)),
+    density=st.sampled_from([0.05, 1.0, 4.0, 60.0]),
+    layout=st.sampled_from(["compact", "hashed"]),
+    skipping=st.booleans(),
+)
+def test_any_picture_shows_what_brute_force_finds(
+    mesh: Mesh,
+    camera: Camera,
+    size: tuple[int, int],
+    density: float,
+    layout: str,
+    skipping: bool,
+    accuracy: str,
+    device: Device,
+) -> None:
+    """Pictures go by blocks of tiles, those that pass no list are not cast (cl/way.h)."""
+    grid = build(mesh, density=density, layout=layout, skipping=skipping, accuracy=accuracy, device=device)
+    image = render(mesh, camera, *size, ("depth", "id"), grid=grid)
+    hits = brute_force(mesh, *camera.rays(*size), device=device, accuracy=accuracy)
+    assert image.depth is not None
+    assert image.primitive_id is not None
+    np.testing.assert_array_equal(image.primitive_id, hits.primitive_ids.astype(np.uint32))
+    np.testing.assert_array_equal(image.depth, hits.t_hit.astype(np.float32))
 
 
 @pytest.mark.slow
