@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from clgrid.errors import GridTooLargeError
-from clgrid.estimate import Sample, Work, estimate, estimate_nbytes, leaping
+from clgrid.estimate import Sample, Work, estimate_nbytes, estimates, leaping
 from clgrid.resolution import by_density
 
 LADDER = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -187,7 +187,9 @@ def candidates(
     GridTooLargeError
         If there is none whose cells can be numbered.
     """
-    grids = [(density, cells, estimate(seen, cells)) for density, cells in _resolutions(seen, asked)]
+    resolutions = _resolutions(seen, asked)
+    works = estimates(seen, [cells for _, cells in resolutions])
+    grids = [(density, cells, work) for (density, cells), work in zip(resolutions, works, strict=True)]
     return [
         _candidate(
             asked, constants[layout, skip], layout, density, skip, cells, leaping(work) if skip else work

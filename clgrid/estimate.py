@@ -8,6 +8,7 @@ one has volume. How much of a line is before its first hit, ``sightlines`` tells
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from clgrid.frame import LocalFrame
 from clgrid.layouts.binning import MOST_REFERENCES
 from clgrid.layouts.lists import bricks_of
-from clgrid.layouts.planes import ROW_CELLS, plane_params
+from clgrid.layouts.planes import ROW_CELLS, padded_box
 from clgrid.mesh import Mesh
 from clgrid.resolution import BOX_PAD
 from clgrid.sightlines import Sightlines
@@ -137,22 +138,39 @@ def estimate(seen: Sample, resolution: tuple[int, int, int]) -> Work:
     resolution : (int, int, int)
         Cells along x, y and z.
     """
-    params = plane_params(seen.bounds, resolution, seen.triangles)
-    cell = params["cell_size"].astype(np.float64)
-    cells = float(np.prod(np.array(resolution, np.float64)))
-    box, widths = np.ones(len(seen.low[0])), np.zeros(len(seen.low[0]))
-    for axis in range(3):
-        size, last = cell[axis], resolution[axis] - 1
-        low, high = ((side[axis] - params["lower"][axis]) / size for side in (seen.low, seen.high))
-        widths += high - low
-        box *= _within(high, last) - _within(low, last) + 1
-    shadows = (cell / cell.prod()) @ seen.shadows
+    return estimates(seen, [resolution])[0]
+
+
+def estimates(seen: Sample, resolutions: Sequence[tuple[int, int, int]]) -> list[Work]:
+    """The same for each of several grids, in a third of the time."""
+    lower, size = padded_box(seen.bounds)
+    along = np.array(resolutions, np.float64)
+    cell = size / along
+    low, high = ((side - lower[:, None]) / cell[..., None] for side in (seen.low, seen.high))
+    widths = (high - low).sum(axis=1)
+    # np.clip would take twice as long.
+    last = along[..., None] - 1
+    first, end = (np.maximum(np.minimum(np.floor(side), last), 0) for side in (low, high))
+    box = (end - first + 1).prod(axis=1)
+    shadows = (cell / cell.prod(axis=1)[:, None]) @ seen.shadows
     # A convex body at a random place touches as many unit cells as its Minkowski sum with one has volume.
     touched = np.minimum(box, shadows + widths + 1)
     clipped = box > _CLIP_CELLS
     listed = np.where(clipped, touched, box)
+    filled = np.where(clipped, shadows, shadows * (1 + _SPILL * widths / 3)).sum(axis=1) * seen.weight
+    return [_work(seen, *each) for each in zip(resolutions, cell, listed, filled.tolist(), strict=True)]
+
+
+def _work(
+    seen: Sample,
+    resolution: tuple[int, int, int],
+    cell: npt.NDArray[np.float64],
+    listed: npt.NDArray[np.float64],
+    filled: float,
+) -> Work:
+    """Of a grid whose cells are so large, in so many of which each triangle is listed; so many are filled."""
+    cells = float(math.prod(resolution))
     references = float(listed.sum()) * seen.weight
-    filled = float(np.where(clipped, shadows, shadows * (1 + _SPILL * widths / 3)).sum()) * seen.weight
     full = min(max(cells * -math.expm1(-filled / cells), 1.0), references, cells)
     # Of the cells, and of whatever they hold, a line meets the share that their surface is of the box's.
     met = _box_surface(cell) / _box_surface(seen.bounds[1] - seen.bounds[0] + 4 * BOX_PAD)
@@ -162,11 +180,6 @@ def estimate(seen: Sample, resolution: tuple[int, int, int]) -> Work:
     batches = tests * _batches_per_test(references / full)
     steps, tests, batches = _ENTER * steps, _ENTER * tests, _ENTER * batches
     return Work(seen.triangles, cells, references, full, steps, tests, batches, max(resolution))
-
-
-def _within(cells: npt.NDArray[np.float64], last: int) -> npt.NDArray[np.float64]:
-    """Numbers of cells along an axis, of which the first is 0; np.clip would take twice as long."""
-    return np.maximum(np.minimum(np.floor(cells), last), 0)
 
 
 def _batches_per_test(length: float) -> float:

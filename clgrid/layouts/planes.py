@@ -35,9 +35,8 @@ def plane_params(
     first_triangle : int
         Id of the first of them.
     """
-    # The lower corner is a float32, so that the build's float32 planes have no error of their own.
-    lower = np.nextafter((bounds[0] - 2 * BOX_PAD).astype(np.float32), np.float32(-4)).astype(np.float64)
-    cell_size = (bounds[1] + 2 * BOX_PAD - lower) / np.array(resolution)
+    lower, size = padded_box(bounds)
+    cell_size = size / np.array(resolution)
     return structs.GRID.pack(
         lower=lower,
         upper=lower + np.array(resolution) * cell_size,
@@ -49,6 +48,13 @@ def plane_params(
         first_triangle=first_triangle,
         slab_shift=_slab_shift(resolution[0] * resolution[1] * resolution[2]),
     )
+
+
+def padded_box(bounds: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Lower corner and size of the grid over a mesh of such bounds, local units."""
+    # The lower corner is a float32, so that the build's float32 planes have no error of their own.
+    lower = np.nextafter((bounds[0] - 2 * BOX_PAD).astype(np.float32), np.float32(-4)).astype(np.float64)
+    return lower, bounds[1] + 2 * BOX_PAD - lower
 
 
 def _slab_shift(cells: int) -> int:
