@@ -33,7 +33,7 @@ _AS_FAST = 1.01
 # What a picture shows, where rays end, by mean, as a share of the mesh's longest side.
 _SHOWN = 0.75
 # Cells that a tile may be wide: its rays go alone through finer ones, as if it were no wider. The root of
-# WIDEST_SLICE in cl/slices.h, less one.
+# WIDEST_SLICE in cl/way.h, less one.
 _WIDEST = 10.3
 
 Made = TypeVar("Made")

@@ -62,7 +62,7 @@ class Sightlines:
         met = np.cumsum(0.5 * per_volume[cells] * lengths, axis=1)
         before = np.concatenate([np.zeros((len(met), 1)), met[:, :-1]], axis=1)
         seen = np.exp(-before) * lengths
-        self.open = float(seen.sum() / (lengths.sum() * _STEPS))
+        self.open = min(1.0, float(seen.sum() / (lengths.sum() * _STEPS)))
         # Of each coarse cell: the lines' length in it, and what of that is before their first surface.
         self._length, self._seen = (
             np.bincount(cells.reshape(-1), np.broadcast_to(each, cells.shape).reshape(-1), len(per_volume))

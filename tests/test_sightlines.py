@@ -80,7 +80,7 @@ def test_what_is_hidden_is_passed_less_often() -> None:
         np.concatenate([shell.vertices, core.vertices * np.float32(0.3)]),
         np.concatenate([shell.faces, core.faces + np.uint32(len(shell.vertices))]),
     )
-    seen = sample(both)
+    seen = sample(both, both.triangle_count)
     outside = np.arange(both.triangle_count) < shell.triangle_count
     shares = [seen.lines.passed(part.astype(np.float64)) for part in (outside, ~outside)]
     assert 0 < shares[1] < 0.95 * shares[0]
