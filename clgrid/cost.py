@@ -2,8 +2,8 @@
 
 ``time = build(triangles, references, cells) + tiles * cast(cells, references)``, a straight line in each: the
 amounts from ``estimate``, a device's seconds from ``calibrate``. Rays are taken for those of a picture, cast
-in tiles (cl/slices.h): the more there are, the narrower is a tile, and the fewer cells it passes that one ray
-would not. Nothing here decides a hit: every grid gives the same answers.
+in blocks of four tiles (cl/slices.h): the more there are, the narrower is a block, and the fewer cells it
+passes that one ray would not. Nothing here decides a hit: every grid gives the same answers.
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ _SHOWN = 0.75
 # WIDEST_SLICE in cl/way.h, less one.
 _WIDEST = 10.3
 
+# What a reference that four tiles pass together costs, as a multiple of one that a tile passes: measured
+# (docs/performance.md, "Coherent rays").
+_HELD_BY_FOUR = 3.0
+
 Made = TypeVar("Made")
 
 
@@ -67,7 +71,7 @@ class Constants:
         if rays <= 0:
             return 0.0
         width = TILE * _SHOWN * work.across / math.sqrt(rays)
-        amounts = passed_by_tiles(rays, work.steps, work.tests, width)
+        amounts = passed_by_blocks(rays, work.steps, work.tests, width)
         return sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
 
 
@@ -87,6 +91,17 @@ def passed_by_tiles(rays: float, steps: float, tests: float, width: float) -> tu
     """
     wider, tiles = 1 + min(width, _WIDEST), rays / TILE**2
     return rays, tiles * steps * wider, tiles * tests * wider**2
+
+
+def passed_by_blocks(rays: float, steps: float, tests: float, width: float) -> tuple[float, float, float]:
+    """The same of a picture, where four tiles go together unless they are too wide.
+
+    A block passes its cells once. A reference is brought in once, and held against the rays of each tile.
+    """
+    if 2 * width > _WIDEST:
+        return passed_by_tiles(rays, steps, tests, width)
+    _, cells, references = passed_by_tiles(rays / 4, steps, tests, 2 * width)
+    return rays, cells, _HELD_BY_FOUR * references
 
 
 @dataclass(frozen=True)

@@ -340,6 +340,14 @@ def test_tiles_pass_more_than_a_ray_does_just_where_they_are_wide() -> None:
     assert calibrate.typical(KIND).cast_s(ONE, 0) == 0
 
 
+def test_a_block_passes_its_cells_once() -> None:
+    rays, cells, references = cost.passed_by_blocks(256, 10, 20, 1.0)
+    assert (rays, cells) == (256, 10 * 3)  # a block of 16 x 16 that is two cells wide
+    assert 20 * 3**2 < references < 4 * 20 * 3**2
+    # Too wide a block goes by tiles.
+    assert cost.passed_by_blocks(256, 10, 20, 8.0) == cost.passed_by_tiles(256, 10, 20, 8.0)
+
+
 def test_tiles_of_a_few_cells_are_cast_together() -> None:
     """As the kernel decides it (``keeps_together`` in cl/way.h)."""
     widest = re.search(r"#define WIDEST_SLICE (\d+)", (source_folder() / "way.h").read_text())
