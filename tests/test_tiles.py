@@ -371,7 +371,7 @@ def camera_rays(draw: st.DrawFn) -> Query:
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(
     mesh=small_meshes(),
     rays=camera_rays(),
@@ -390,7 +390,7 @@ def test_any_camera_sees_what_brute_force_sees(
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(
     mesh=small_meshes(),
     camera=cameras(),
