@@ -203,6 +203,8 @@ __attribute__((noinline))
 void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const Triangles *triangles, const uint *ids, uint count,
                     MESH_PARAMETERS)
 {
+    if (!any(may_meet(&bundle->way.beam, triangles)))
+        return;
     const Prepared p = prepare(bundle, triangles);
     const uint near = near_beam(bundle, &p) & ((1u << count) - 1u);
     if (near == 0)
