@@ -6,7 +6,7 @@ import hashlib
 import json
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from figure1_child import last_words, run_clgrid
@@ -148,6 +148,14 @@ ROWS: dict[str, tuple[StandIn, StandIn]] = {
 def stand_in(row: str, scenes: Path | None) -> StandIn:
     """Return the stand-in of ``row``: of the folder, or without one."""
     return ROWS[row][0 if scenes is not None else 1]
+
+
+def nature(triangles: int, scenes: Path | None) -> Scattered:
+    """Return the uneven scene in any size: its terrain keeps its share of the triangles."""
+    whole = stand_in("Nature", scenes)
+    assert isinstance(whole, Scattered)
+    side = max(1, round(whole.side * (triangles / whole.triangles) ** 0.5))
+    return replace(whole, side=side, triangles=triangles)
 
 
 def usable_folder(folder: Path) -> Path | None:

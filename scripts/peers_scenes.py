@@ -7,15 +7,16 @@ import json
 import os
 import struct
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from figure1_scenes import usable_folder
+from figure1_scenes import ROWS, SceneError, nature, usable_folder
 from six_scenes import camera_of
 
+from clgrid.cache import folder as cache_folder
 from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.mesh import Mesh
@@ -28,21 +29,26 @@ _SEED = 12345
 # The peers in C++ start shadow rays this share of the longest side before the surface.
 _LIFT = np.float32(1e-4)
 _LIGHT, _LIGHT_INSIDE = 0.5, 2.0**-4
+# Small copies of a scan on a large terrain, as in the table of Figure 1: `nature:N` has about N triangles.
+NATURE = "nature"
+_NATURES_FEWEST = 100_000
 
 
 @dataclass(frozen=True)
 class Named:
-    """A scene of the table: a file of the scenes folder, or a built-in one.
+    """A scene of the table: a file of the scenes folder, a built-in one, or ``nature:N``.
 
     Attributes
     ----------
     source : str
-        Path within the folder, or a built-in name.
+        Path within the folder, or a name with a size.
     frames : str
         Path of the positions of all frames, (K, V, 3) float32; empty for a scene that stands still.
     eye, target, light : tuple of float
         The view, by default that of the file beside the scene, or else of the whole scene; and where the
         light stands.
+    up : tuple of float
+        Which way is up for ``eye``.
     shuffled : bool
         Whether the order of the triangles is drawn by lot.
     """
@@ -52,8 +58,12 @@ class Named:
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
     light: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     shuffled: bool = False
 
+
+_Z = (0.0, 0.0, 1.0)
+_STADIUM = "arch/bunny_in_stadium.ply"
 
 SCENES = {
     "armadillo": Named("scans/armadillo.obj"),
@@ -68,11 +78,36 @@ SCENES = {
     ),
     "kitchen": Named("arch/country_kitchen.glb.gz"),
     "whiteroom": Named("arch/white_room.glb.gz"),
+    # From a few steps away the bunny is a dozen pixels wide; then the same file from beside the bunny.
+    "stadium": Named(_STADIUM, eye=(-3.0, -4.0, 3.0), target=(0.0, 0.0, 0.08), up=_Z),
+    "stadium-bunny": Named(
+        _STADIUM, eye=(0.065, -0.11, 0.15), target=(0.01, 0.01, 0.075), light=(0.5, -0.5, 0.8), up=_Z
+    ),
+    # Where its authors stand and look.
+    "luxcore": Named(
+        "arch/luxcore_kitchen.glb",
+        eye=(7.634103, -4.168197, 1.421921),
+        target=(12.037415, 4.713311, 0.106751),
+        light=(7.5, -3.0, 2.3),
+        up=_Z,
+    ),
+    "openarena": Named(
+        "arch/openarena_ctf_inyard.glb",
+        eye=(-1300.0, -330.0, 360.0),
+        target=(300.0, 150.0, 180.0),
+        light=(-1000.0, -300.0, 900.0),
+        up=_Z,
+    ),
     "large-terrain": Named("terrain:1340"),
     "large-sphere": Named("icosphere:9"),
     "horse-gallop": Named("dynamic/horse_gallop_frame0.ply", "dynamic/horse_gallop_frames.npy.gz"),
     "elephant-gallop": Named("dynamic/elephant_gallop_frame0.ply", "dynamic/elephant_gallop_frames.npy.gz"),
+    NATURE: Named(
+        f"{NATURE}:{ROWS['Nature'][0].triangles}", eye=(-10.0, -10.0, 9.0), target=(0.0, 0.0, -1.0), up=_Z
+    ),
 }
+# Nature takes gigabytes of everybody: it is for those who ask for it.
+USUAL = tuple(name for name in SCENES if name != NATURE)
 
 
 @dataclass(frozen=True)
@@ -128,9 +163,10 @@ class Shot:
 
     def save(self) -> None:
         """Write what the peers read."""
-        header = b"MSH1" + struct.pack("<II", len(self.vertices), len(self.faces))
         with open(self.folder / "mesh.bin", "wb") as file:
-            file.write(header + self.vertices.astype("<f4").tobytes() + self.faces.astype("<u4").tobytes())
+            file.write(b"MSH1" + struct.pack("<II", len(self.vertices), len(self.faces)))
+            file.write(np.ascontiguousarray(self.vertices, "<f4").data)
+            file.write(np.ascontiguousarray(self.faces, "<u4").data)
         view = self.view
         numbers = [*view.eye, *view.target, *view.up, view.fov, *view.light]
         (self.folder / "mesh.cam").write_text(" ".join(map(repr, numbers)) + "\n")
@@ -202,18 +238,19 @@ def present(names: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def prepare(name: str, folder: Path, size: int, rays: int) -> Shot:
-    """Load a scene of the table, a file or a built-in one, and write what the peers read.
+    """Load a scene of the table, a file, a built-in one or ``nature:N``, and write what the peers read.
 
     Raises
     ------
     ClgridError
         If the scene cannot be used.
     """
-    named = SCENES.get(name, Named(name))
-    root = scenes_folder()
-    path = str(root / named.source) if root is not None and name in SCENES else named.source
-    if ":" in named.source and name in SCENES:
-        path = named.source
+    named, root = _named(name), scenes_folder()
+    path, made = named.source, named.source.startswith(f"{NATURE}:")
+    if made:
+        path = _made_nature(path.removeprefix(f"{NATURE}:"), root)
+    elif name in SCENES and ":" not in path and root is not None:
+        path = str(root / path)
     scene = load_scene(path)
     vertices = np.ascontiguousarray(scene.mesh.vertices, np.float32)
     faces = scene.mesh.faces
@@ -228,16 +265,33 @@ def prepare(name: str, folder: Path, size: int, rays: int) -> Shot:
         if frames.shape[1:] != vertices.shape:
             raise InputError(f"{name}: frames of shape {frames.shape} do not fit {len(vertices)} vertices")
     if named.eye is not None and named.target is not None:
-        camera = Camera.look_at(named.eye, named.target, fov=60.0)
+        camera = Camera.look_at(named.eye, named.target, named.up, fov=60.0)
     elif len(frames):
         box = np.stack([frames.min(axis=(0, 1)), frames.max(axis=(0, 1))])
         camera = default_camera(Mesh(box, np.array([[0, 1, 1]], np.uint32)))
     else:
         camera = camera_of(scene, path, 1.0)
-    label = name if name in SCENES else scene.name
+    label = name if name in SCENES or made else scene.name
     shot = Shot(label, folder, vertices, faces, _view(camera, vertices, named.light), size, rays, frames)
     shot.save()
     return shot
+
+
+def _named(name: str) -> Named:
+    """Of the table; ``nature:N`` is seen as Nature is, any other scene by its own camera."""
+    if name.startswith(f"{NATURE}:"):
+        return replace(SCENES[NATURE], source=name)
+    return SCENES.get(name, Named(name))
+
+
+def _made_nature(triangles: str, root: Path | None) -> str:
+    """Path of the uneven scene of about so many triangles; kept where scripts/figure1 keeps its own."""
+    if not triangles.isdecimal() or int(triangles) < _NATURES_FEWEST:
+        raise InputError(f"{NATURE}:{triangles}: give a number of triangles, at least {_NATURES_FEWEST}")
+    try:
+        return nature(int(triangles), root).make(root, cache_folder() / "figure1").argument
+    except SceneError as error:
+        raise InputError(f"{NATURE}: {error}") from None
 
 
 def _view(camera: Camera, vertices: Floats, light_at: tuple[float, float, float] | None) -> View:

@@ -12,10 +12,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scenes import scene
 
 import clgrid
 from clgrid.device import Device
+from clgrid.errors import InputError
 from clgrid.mesh import Mesh
 
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
@@ -131,6 +134,105 @@ def test_all_are_given_the_same(tmp_path: Path, module: Any) -> None:
         assert np.array_equal(mine, theirs)
     # The first numbers of splitmix64 from 12345, by Python's integers.
     assert scenes._uniform(2).tolist() == [0.1330796480178833, 0.20481657981872559]
+
+
+def first_hits(module: Any, name: str, folder: Path, device: Device) -> tuple[Any, npt.NDArray[Any]]:
+    """The scene as everybody gets it, and the triangle that each of 64 x 64 pixels shows, or -1."""
+    shot = module("peers_scenes").prepare(name, folder, 64, 100)
+    grid = clgrid.build(Mesh(shot.vertices, shot.faces), device=device)
+    return shot, grid.cast(*shot.camera_rays(), fields=()).primitive_ids
+
+
+def lit(shot: Any, device: Device) -> float:
+    """Share of what the camera sees that the light reaches."""
+    grid = clgrid.build(Mesh(shot.vertices, shot.faces), device=device)
+    shadows = shot.shadow_rays(grid.cast(*shot.camera_rays(), fields=()).t_hit)
+    return 1.0 - float(np.mean(grid.occluded(*shadows, t_max=1.0)))
+
+
+@pytest.mark.parametrize(
+    ("name", "least_bunny", "most_bunny"), [("stadium", 1e-4, 1e-3), ("stadium-bunny", 0.5, 0.6)]
+)
+def test_the_bunny_is_a_speck_in_the_stadium_or_fills_the_picture(
+    name: str, least_bunny: float, most_bunny: float, tmp_path: Path, device: Device, module: Any
+) -> None:
+    scene("arch/bunny_in_stadium.ply")
+    shot, ids = first_hits(module, name, tmp_path, device)
+    # The stadium itself lies flat in z = 0.
+    bunny = shot.vertices[shot.faces, 2].any(axis=1)
+    assert 0.9 < np.mean(ids >= 0) < 1.0
+    assert least_bunny < np.sum(bunny[ids[ids >= 0]]) / len(ids) < most_bunny
+    assert lit(shot, device) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("luxcore", "arch/luxcore_kitchen.glb"), ("openarena", "arch/openarena_ctf_inyard.glb")],
+)
+def test_rooms_are_seen_from_within_and_upright(
+    name: str, file: str, tmp_path: Path, device: Device, module: Any
+) -> None:
+    scene(file)
+    shot, ids = first_hits(module, name, tmp_path, device)
+    low, high = shot.vertices.min(axis=0), shot.vertices.max(axis=0)
+    for place in (shot.view.eye, shot.view.light):
+        assert (low < place).all()
+        assert (place < high).all()
+    assert np.argmax(shot.view.up) == 2
+    assert np.mean(ids >= 0) > 0.9
+    # A view of much, not of a wall: many triangles, and light and shadow.
+    assert len(np.unique(ids)) > 150
+    assert 0.6 < lit(shot, device) < 0.95
+
+
+def test_nature_has_as_many_triangles_as_are_asked_for(
+    tmp_path: Path, device: Device, module: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = module("peers_scenes")
+    monkeypatch.setattr(table, "cache_folder", lambda: tmp_path / "cache")
+    # Without the folder of scenes the copies are spheres of 20,480 triangles.
+    monkeypatch.setattr(table, "scenes_folder", lambda: None)
+    assert table.present(["nature", "nature:200000"]) == (["nature", "nature:200000"], [])
+    shot, ids = first_hits(module, "nature:200000", tmp_path, device)
+    assert shot.name == "nature:200000"
+    assert abs(shot.triangles - 200_000) <= 20_480 / 2
+    # The terrain, which comes first, has its 5 % of them in any size, and what is seen is of both kinds.
+    ground = shot.triangles % 20_480
+    assert ground == pytest.approx(0.05 * 200_000, rel=0.05)
+    assert 0.4 < np.mean(ids >= 0) < 1.0
+    assert np.sum((ids >= 0) & (ids < ground)) > 100 < np.sum(ids >= ground)
+    (kept,) = (tmp_path / "cache" / "figure1").iterdir()
+    made = kept.stat().st_mtime_ns
+    again, _ = first_hits(module, "nature:200000", tmp_path, device)
+    assert np.array_equal(again.vertices, shot.vertices)
+    assert kept.stat().st_mtime_ns == made
+
+
+def test_nature_itself_is_that_of_figure_1_and_not_measured_unasked(module: Any) -> None:
+    table, figure1 = module("peers_scenes"), module("figure1_scenes")
+    whole = int(table.SCENES["nature"].source.removeprefix("nature:"))
+    assert whole > 40_000_000
+    for folder in (Path(), None):
+        assert figure1.nature(whole, folder) == figure1.stand_in("Nature", folder)
+    assert {*table.USUAL, "nature"} == set(table.SCENES)
+    assert "nature" not in table.USUAL
+    # Who keeps its tree to the end of the run is left out: together they need more memory than there is.
+    most = module("peers_measure")._MOST_TRIANGLES
+    assert all(most[name] < whole for name in module("peers_measure").MODULES)
+
+
+@pytest.mark.parametrize("size", ["", "99999", "many", "-1", "1e6"])
+def test_nature_of_no_sensible_size_is_refused(size: str, tmp_path: Path, module: Any) -> None:
+    with pytest.raises(InputError, match=f"^nature:{size}: give a number of triangles, at least 100000$"):
+        module("peers_scenes").prepare(f"nature:{size}", tmp_path, 64, 100)
+
+
+def test_nature_without_its_scan_is_refused(
+    tmp_path: Path, module: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module("peers_scenes"), "scenes_folder", lambda: tmp_path)
+    with pytest.raises(InputError, match=r"dragon_vrip_res4.ply.gz is not in the scenes folder"):
+        module("peers_scenes").prepare("nature:200000", tmp_path, 64, 100)
 
 
 def test_arrays_are_compared_ray_by_ray(tmp_path: Path, module: Any) -> None:
