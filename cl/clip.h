@@ -18,6 +18,26 @@ typedef struct {
     int count;
 } Polygon;
 
+// The planes of a grid, and per_unit = 1 / size[0].
+typedef struct {
+    double lower[3], size[3], per_unit, slack;
+} Planes;
+
+// Those of a grid whose cells are 2^finer times as small.
+Planes planes_of(__constant const GridParams *grid, uint4 finer)
+{
+    const double halved[3] = {(double)(1u << finer.x), (double)(1u << finer.y), (double)(1u << finer.z)};
+    Planes p;
+    for (int a = 0; a < 3; ++a) {
+        p.lower[a] = grid->lower[a];
+        p.size[a] = grid->cell_size[a] / halved[a];
+    }
+    p.per_unit = 1.0 / p.size[0];
+    // A point on a plane belongs to the cells on both sides, wherever rounding puts it.
+    p.slack = 0x1p-48 * ((double)grid->resolution[0] * halved[0]);
+    return p;
+}
+
 // One side of a layer's piece: x over y, from low to high.
 typedef struct {
     double low, high, x_low, slope;
@@ -60,10 +80,10 @@ Polygon cut(const Polygon *p, double plane, double sign)
 }
 
 // The sides of what is left of the triangle in a layer of cells; returns their number.
-int cut_layer(__constant const GridParams *grid, const Polygon *triangle, int layer, Side *sides)
+int cut_layer(const Planes *planes, const Polygon *triangle, int layer, Side *sides)
 {
-    const double low = grid->lower[2] + layer * grid->cell_size[2] - BOX_PAD;
-    const double high = grid->lower[2] + (layer + 1) * grid->cell_size[2] + BOX_PAD;
+    const double low = planes->lower[2] + layer * planes->size[2] - BOX_PAD;
+    const double high = planes->lower[2] + (layer + 1) * planes->size[2] + BOX_PAD;
     const Polygon above = cut(triangle, low, -1.0);
     const Polygon piece = cut(&above, high, 1.0);
     for (int i = 0; i < piece.count; ++i) {
@@ -81,12 +101,10 @@ int cut_layer(__constant const GridParams *grid, const Polygon *triangle, int la
 }
 
 // First and last cell of a row of the layer that the piece touches, within [first, last]; (1, 0) if none.
-// `per_unit` is 1 / cell_size[0].
-int2 row_run(__constant const GridParams *grid, double per_unit, const Side *sides, int count, int row, int first,
-             int last)
+int2 row_run(const Planes *planes, const Side *sides, int count, int row, int first, int last)
 {
-    const double low = grid->lower[1] + row * grid->cell_size[1] - BOX_PAD;
-    const double high = grid->lower[1] + (row + 1) * grid->cell_size[1] + BOX_PAD;
+    const double low = planes->lower[1] + row * planes->size[1] - BOX_PAD;
+    const double high = planes->lower[1] + (row + 1) * planes->size[1] + BOX_PAD;
     double least = INFINITY, most = -INFINITY;
     for (int i = 0; i < count; ++i) {
         const Side side = sides[i];
@@ -99,10 +117,8 @@ int2 row_run(__constant const GridParams *grid, double per_unit, const Side *sid
             most = x1 > most ? x1 : most;
         }
     }
-    // A point on a plane belongs to the cells on both sides, wherever rounding puts it.
-    const double slack = 0x1p-48 * (double)grid->resolution[0];
-    const double from = (least - BOX_PAD - grid->lower[0]) * per_unit - slack;
-    const double to = (most + BOX_PAD - grid->lower[0]) * per_unit + slack;
+    const double from = (least - BOX_PAD - planes->lower[0]) * planes->per_unit - planes->slack;
+    const double to = (most + BOX_PAD - planes->lower[0]) * planes->per_unit + planes->slack;
     if (!(from < (double)(last + 1) && to >= (double)first && least <= most))
         return (int2)(1, 0);
     return (int2)(from > (double)first ? (int)from : first, to < (double)last ? (int)to : last);

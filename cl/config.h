@@ -57,8 +57,14 @@ typedef uint ref_index;
 #define BRICK 4u
 #define FAR_AWAY ((uchar)255)
 
+// Nested layouts: halvings of a cell of the top grid, along each axis, that make the finest cells there can be.
+#define FINEST 10
+
 // Half an ulp of 1: the unit round-off of float32.
 #define UNIT_ROUNDOFF 0x1p-24
+
+// What rounding in float64 may do to the product of a triangle's normal with a vector in the grid.
+#define FACET_SLACK 0x1p-42
 
 // How far, on each axis, the ray at its computed t may be from the triangle that it hits there.
 #define HIT_ERROR (26 * UNIT_ROUNDOFF)

@@ -24,13 +24,13 @@ ulong count_clipped(__constant const GridParams *grid, __global const float *ver
 {
     const uint mx = grid->resolution[0], my = grid->resolution[1];
     const Polygon triangle = whole_triangle(vertices, face);
-    const double per_unit = 1.0 / grid->cell_size[0];
+    const Planes planes = planes_of(grid, (uint4)(0));
     ulong total = 0;
     for (int z = range.first.z; z <= range.last.z; ++z) {
         Side sides[5];
-        const int number = cut_layer(grid, &triangle, z, sides);
+        const int number = cut_layer(&planes, &triangle, z, sides);
         for (int y = range.first.y; y <= range.last.y; ++y) {
-            const int2 run = row_run(grid, per_unit, sides, number, y, range.first.x, range.last.x);
+            const int2 run = row_run(&planes, sides, number, y, range.first.x, range.last.x);
             const uint row = ((uint)z * my + (uint)y) * mx;
             count_run(count, slab_shift, row + (uint)run.x, row + (uint)run.y + 1u);
             total += (ulong)(run.y - run.x + 1);

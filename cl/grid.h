@@ -11,6 +11,9 @@
 #ifdef SKIP_EMPTY
 #include "leap.h"
 #endif
+#ifdef NESTED
+#include "descent.h"
+#endif
 
 #ifdef RUNG_EXACT
 // Tests every triangle: for a ray that the walk cannot follow, or that lies in so many triangles, each in so many
@@ -71,6 +74,53 @@ bool go_on(const Ray *ray, __constant const GridParams *grid, const Hit *hit, Wa
 #endif
 }
 
+// Tests the triangles of a list that the ray passes from tick `entered` to `left`. False: as go_on.
+bool test_list(const Ray *ray, const Projection *projection, List list, long entered, long left, GRID_PARAMETERS,
+               MESH_PARAMETERS, Walk *walk, Hit *hit)
+{
+    set_cell(walk, entered, left, hit);
+    while (list.count != 0) {
+        uint ids[8];
+        const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
+        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
+    }
+    return go_on(ray, grid, hit, walk);
+}
+
+#ifdef NESTED
+// Walks from cell to cell through the top grid and its subgrids, until nothing matters any more. False: as go_on.
+bool walk_nest(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
+{
+    Level around[MOST_LEVELS - 1], level = top_level(walk, grid);
+    uint depth = 0;
+    long entered = -1;
+    for (;;) {
+        const long due = least_tick(&level.next);
+#ifdef COUNT_STEPS
+        ++hit->steps;
+#endif
+        const List list = find_list(level.cell, grid, LIST_ARGUMENTS);
+        if (list.count != 0) {
+            const uint first = references[list.begin];
+            if (first >= grid->first_subgrid) {
+                around[depth++] = level;
+                level = enter_subgrid(around + depth - 1, walk, subgrids + (first - (uint)grid->first_subgrid),
+                                      max(entered, 0L));
+                continue;
+            }
+            if (!test_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, hit))
+                return false;
+        }
+        if (due >= walk->stop)
+            return true;
+        entered = due;
+        while (due >= level.left)
+            level = around[--depth];
+        level.cell += (uint)step_over(&level.next, &level.pace, (long)(int)level.x, (long)(int)level.y,
+                                      (long)(int)level.z);
+    }
+}
+#else
 // Walks from cell to cell, from tick `entered` until `end` or nothing matters any more. False: as go_on.
 bool walk_cells(const Ray *ray, const Projection *projection, uint cell, Ticks ahead, long entered, long end,
                 GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
@@ -82,23 +132,17 @@ bool walk_cells(const Ray *ray, const Projection *projection, uint cell, Ticks a
 #ifdef COUNT_STEPS
         ++hit->steps;
 #endif
-        List list = find_list(cell, grid, LIST_ARGUMENTS);
-        if (list.count != 0) {
-            set_cell(walk, entered, due, hit);
-            while (list.count != 0) {
-                uint ids[8];
-                const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
-                keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
-            }
-            if (!go_on(ray, grid, hit, walk))
-                return false;
-        }
+        const List list = find_list(cell, grid, LIST_ARGUMENTS);
+        if (list.count != 0
+            && !test_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, hit))
+            return false;
         if (due >= end || due >= walk->stop)
             return true;
         entered = due;
         cell += (uint)step_over(&ahead, &walk->pace, x, y, z);
     }
 }
+#endif
 
 uint first_cell(const Walk *walk, __constant const GridParams *grid)
 {
@@ -113,7 +157,9 @@ bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, ME
     Walk walk;
     if (!begin_walk(ray, hit, grid, &walk))
         return true;
-#ifdef SKIP_EMPTY
+#if defined(NESTED)
+    return walk_nest(ray, projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &walk, hit);
+#elif defined(SKIP_EMPTY)
     Bricks bricks = bricks_of(&walk, grid);
     long entered = -1;
     for (;;) {

@@ -3,6 +3,8 @@
 //   LAYOUT_HASHED        a domain bit says whether i has a list; if so, and s is its slot,
 //                        references[table[s] .. table[s+1]-1]                       (the same)
 //   LAYOUT_LINKED_LIST   triangles[n], triangles[next[n]], ... from n = heads[i]
+//   NESTED               with one of these two: a reference from grid->first_subgrid on, alone in its list, is a
+//                        subgrid, whose cells have numbers after those of the grid that it is in
 //   LAYOUT_DYNAMIC_ARRAY pool[pointers[i] .. pointers[i]+sizes[i]-1]; capacities serve growth alone
 #ifndef CLG_LISTS_H
 #define CLG_LISTS_H
@@ -27,7 +29,10 @@
 #define LIST_ARGUMENTS cells, references
 #endif
 
-#ifdef SKIP_EMPTY
+#ifdef NESTED
+#define GRID_PARAMETERS __constant const GridParams *grid, LIST_PARAMETERS, __global const Subgrid *subgrids
+#define GRID_ARGUMENTS grid, LIST_ARGUMENTS, subgrids
+#elif defined(SKIP_EMPTY)
 #define GRID_PARAMETERS __constant const GridParams *grid, LIST_PARAMETERS, __global const uchar *distances
 #define GRID_ARGUMENTS grid, LIST_ARGUMENTS, distances
 #else

@@ -9,11 +9,20 @@
 #define REMEMBERED 256u
 #endif
 #define MOST_WAITING 64u
+// Subgrids that wait to be passed, of all levels: more than the widest slices hold.
+#define MOST_SUBGRIDS 512u
+// In subgrids, whose slices hold few triangles each: so many wait before they are tested.
+#ifndef FEWEST_TESTED
+#define FEWEST_TESTED 8u
+#endif
 
 // Triangles that wait to be tested.
 typedef struct {
     uint ids[MOST_WAITING];
     uint seen[REMEMBERED * TILES_TOGETHER];
+#ifdef NESTED
+    uint subgrids[MOST_SUBGRIDS], subgrid_count;  // to be passed before the next slice
+#endif
 } Waiting;
 
 // Bundles that go the same way together, each of a tile of its own.
@@ -56,6 +65,12 @@ uint take_run(Company *company, uint begin, uint end, Waiting *waiting, uint cou
         __global const uint *entries = entries_of(&list, LIST_ARGUMENTS);
         for (uint i = 0; i < list.count; ++i) {
             const uint id = entries[i];
+#endif
+#ifdef NESTED
+            if (id >= grid->first_subgrid) {
+                waiting->subgrids[min(waiting->subgrid_count++, MOST_SUBGRIDS - 1)] = id - (uint)grid->first_subgrid;
+                continue;
+            }
 #endif
             const uint at = id % (REMEMBERED * TILES_TOGETHER);
             ask_for(faces + 3 * (size_t)id);
@@ -105,50 +120,134 @@ bool any_alive(Company *company, uint first, uint end, float depth)
     return any != 0;
 }
 
+// Where a slice begins for the rays, and where it ends.
+float near_of(const Box *box, const Way *way, int slice)
+{
+    return depth_of(box, way->kd, way->side > 0.0f ? slice : slice + 1);
+}
+
+float far_of(const Box *box, const Way *way, int slice)
+{
+    return depth_of(box, way->kd, way->side > 0.0f ? slice + 1 : slice);
+}
+
+// Takes up the triangles of a slice of the box, as take_run.
+uint take_slice(Company *company, uint begin, uint end, const Way *way, const Box *box, int slice, Waiting *waiting,
+                uint count, GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    int first[3], last[3];
+    if (!cells_between(way, box, near_of(box, way, slice), far_of(box, way, slice), first, last))
+        return count;
+    first[way->kd] = last[way->kd] = slice;
+    for (int z = first[2]; z <= last[2]; ++z)
+        for (int y = first[1]; y <= last[1]; ++y) {
+            const uint row = box->number + ((uint)z * (uint)box->cells[1] + (uint)y) * (uint)box->cells[0];
+            count = take_run(company, begin, end, waiting, count, row + (uint)first[0], row + (uint)last[0],
+                             GRID_ARGUMENTS, MESH_ARGUMENTS);
+        }
+    return count;
+}
+
+#ifdef NESTED
+// The slices of a grid or subgrid that are still to be passed.
+typedef struct {
+    Box box;
+    int slice, final;
+    uint subgrids;     // that wait since before it was entered
+} Passage;
+
+Passage passage_of(const Box *box, const Way *way, uint subgrids)
+{
+    const bool climbs = way->side > 0.0f;
+    const Passage p = {*box, slice_at(box, way->kd, climbs ? way->from : way->to),
+                       slice_at(box, way->kd, climbs ? way->to : way->from), subgrids};
+    return p;
+}
+
+// Whether the rays overlap few enough cells of each slice of the subgrid.
+bool keeps_together_in(const Way *way, const Box *box)
+{
+    const float near = depth_of(box, way->kd, 0), far = depth_of(box, way->kd, box->cells[way->kd]);
+    Way inside = *way;
+    inside.from = max(way->from, near);
+    inside.to = min(way->to, far);
+    return keeps_together(&inside, box);
+}
+
+// Passes the slices of the grid, and of each subgrid in a slice before the next. False: the rays spread too far.
+bool pass_nest(Company *company, uint begin, uint end, const Way *way, const Box *whole, Waiting *waiting,
+               GRID_PARAMETERS, MESH_PARAMETERS)
+{
+    Passage stack[MOST_LEVELS];
+    uint depth = 0, count = 0;
+    waiting->subgrid_count = 0;
+    stack[0] = passage_of(whole, way, 0);
+    for (;;) {
+        Passage *p = stack + depth;
+        if (waiting->subgrid_count > MOST_SUBGRIDS)
+            return false;
+        if (waiting->subgrid_count > p->subgrids) {
+            const Box box = box_of_subgrid(grid, subgrids + waiting->subgrids[--waiting->subgrid_count]);
+            if (!keeps_together_in(way, &box))
+                return false;
+            stack[++depth] = passage_of(&box, way, waiting->subgrid_count);
+            continue;
+        }
+        const bool over = way->side > 0.0f ? p->slice > p->final : p->slice < p->final;
+        if (over || !any_alive(company, begin, end, near_of(&p->box, way, p->slice))) {
+            if (depth == 0)
+                break;
+            --depth;
+            continue;
+        }
+        count = take_slice(company, begin, end, way, &p->box, p->slice, waiting, count, GRID_ARGUMENTS, MESH_ARGUMENTS);
+        p->slice += way->side > 0.0f ? 1 : -1;
+        if (count >= FEWEST_TESTED) {
+            keep_waiting(company, begin, end, waiting, count, MESH_ARGUMENTS);
+            count = 0;
+        }
+    }
+    if (count != 0)
+        keep_waiting(company, begin, end, waiting, count, MESH_ARGUMENTS);
+    return true;
+}
+#endif
+
 // Casts the rays of bundles begin .. end - 1. False: they spread too far to go together.
 // Once and out of line: it is large, and Intel's compiler takes four times as long over copies.
 __attribute__((noinline))
 bool walk_slices(Company *company, uint begin, uint end, GRID_PARAMETERS, MESH_PARAMETERS)
 {
     Way way = way_of_all(company, begin, end);
-    const int kd = way.kd;
+    const Box box = whole_box(grid);
     if (!clip_depths(&way, grid))
         return true;
-    if (!keeps_together(&way, grid))
+    if (!keeps_together(&way, &box))
         return false;
-    const bool climbs = way.side > 0.0f;
-    const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
-    const int final = slice_at(grid, kd, climbs ? way.to : way.from);
     Waiting waiting;
     for (uint i = 0; i < REMEMBERED * TILES_TOGETHER; i += LANES)
         vstore8((uint8)(NO_HIT), 0, waiting.seen + i);
+#ifdef NESTED
+    return pass_nest(company, begin, end, &way, &box, &waiting, GRID_ARGUMENTS, MESH_ARGUMENTS);
+#else
+    const bool climbs = way.side > 0.0f;
+    const int final = slice_at(&box, way.kd, climbs ? way.to : way.from);
 #ifdef SKIP_EMPTY
     int layer = -1;
     bool empty = false;
 #endif
-    for (int slice = slice_at(grid, kd, climbs ? way.from : way.to);; slice += climbs ? 1 : -1) {
-        const float near = lower + (float)(climbs ? slice : slice + 1) * cell;
-        const float far = lower + (float)(climbs ? slice + 1 : slice) * cell;
-        if (!any_alive(company, begin, end, near))
+    for (int slice = slice_at(&box, way.kd, climbs ? way.from : way.to);; slice += climbs ? 1 : -1) {
+        if (!any_alive(company, begin, end, near_of(&box, &way, slice)))
             break;
-        int first[3], last[3];
-        bool passed = cells_between(&way, grid, near, far, first, last);
 #ifdef SKIP_EMPTY
         if (layer != slice / (int)BRICK) {
             layer = slice / (int)BRICK;
-            empty = layer_is_empty(&way, layer, grid, distances);
+            empty = layer_is_empty(&way, layer, &box, distances);
         }
-        passed = passed && !empty;
+        if (!empty)
 #endif
-        if (passed) {
-            first[kd] = last[kd] = slice;
-            uint count = 0;
-            for (int z = first[2]; z <= last[2]; ++z)
-                for (int y = first[1]; y <= last[1]; ++y) {
-                    const uint row = ((uint)z * grid->resolution[1] + (uint)y) * grid->resolution[0];
-                    count = take_run(company, begin, end, &waiting, count, row + (uint)first[0], row + (uint)last[0],
-                                     GRID_ARGUMENTS, MESH_ARGUMENTS);
-                }
+        {
+            const uint count = take_slice(company, begin, end, &way, &box, slice, &waiting, 0, GRID_ARGUMENTS, MESH_ARGUMENTS);
             if (count != 0)
                 keep_waiting(company, begin, end, &waiting, count, MESH_ARGUMENTS);
         }
@@ -156,6 +255,7 @@ bool walk_slices(Company *company, uint begin, uint end, GRID_PARAMETERS, MESH_P
             break;
     }
     return true;
+#endif
 }
 
 #endif

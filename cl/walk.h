@@ -7,8 +7,14 @@
 
 // Ticks of a local unit of t. A ray is in the grid for little more than 4 units; what takes it more than
 // MOST_TICKS does not matter, and four times that is a long.
+#ifdef NESTED
+// Paces are those of cells 2^FINEST times as large as the planes that are counted.
+#define TICKS 0x1p+48
+#define MOST_TICKS 0x1p+51
+#else
 #define TICKS 0x1p+54
 #define MOST_TICKS 0x1p+57
+#endif
 
 // A component as the walk takes it: one that climbs less crosses no plane within reach, and 1 / d may overflow.
 #define SMALLEST_CLIMB 0x1p-200
@@ -64,12 +70,38 @@ double t_of_tick(const Walk *walk, long tick)
     return walk->t_in + (double)tick * (1.0 / TICKS);
 }
 
+#ifdef NESTED
+// Planes of the finest cells between one of them and the end of the cell of the top grid that holds it.
+long finest_ahead(int cell, bool up)
+{
+    const int within = cell & ((1 << FINEST) - 1);
+    return up ? (1 << FINEST) - 1 - within : within;
+}
+
+// From the planes of the finest cells to those of the top grid, which are every 2^FINEST-th of them.
+void coarsen(Walk *walk)
+{
+    walk->next.x += walk->pace.x * finest_ahead(walk->cell.x, walk->up_x);
+    walk->next.y += walk->pace.y * finest_ahead(walk->cell.y, walk->up_y);
+    walk->next.z += walk->pace.z * finest_ahead(walk->cell.z, walk->up_z);
+    walk->pace.x <<= FINEST;
+    walk->pace.y <<= FINEST;
+    walk->pace.z <<= FINEST;
+    walk->cell >>= FINEST;
+}
+#endif
+
 // Enters the grid, with the tests' t in [t_first, t_last]. False: the ray misses it.
 bool enter_grid(const Ray *ray, __constant const GridParams *grid, double t_first, double t_last, Walk *walk)
 {
     const double4 lower = (double4)(grid->lower[0], grid->lower[1], grid->lower[2], 0.0);
     const double4 upper = (double4)(grid->upper[0], grid->upper[1], grid->upper[2], 1.0);
-    const double4 size = (double4)(grid->cell_size[0], grid->cell_size[1], grid->cell_size[2], 1.0);
+#ifdef NESTED
+    const double finer = 1.0 / (double)(1 << FINEST);
+#else
+    const double finer = 1.0;
+#endif
+    const double4 size = finer * (double4)(grid->cell_size[0], grid->cell_size[1], grid->cell_size[2], 1.0);
     const double4 o = (double4)(ray->origin[0], ray->origin[1], ray->origin[2], 0.0);
     const double4 given = (double4)(ray->direction[0], ray->direction[1], ray->direction[2], 1.0);
     const double4 d = fabs(given) < SMALLEST_CLIMB ? (double4)(SMALLEST_CLIMB) : given;
@@ -85,7 +117,12 @@ bool enter_grid(const Ray *ray, __constant const GridParams *grid, double t_firs
     if (!(t_in <= t_out))
         return false;
 
+#ifdef NESTED
+    const int4 whole = (int4)((int)grid->resolution[0], (int)grid->resolution[1], (int)grid->resolution[2], 1);
+    const int4 resolution = whole << FINEST;
+#else
     const int4 resolution = (int4)((int)grid->resolution[0], (int)grid->resolution[1], (int)grid->resolution[2], 1);
+#endif
     const double4 highest = convert_double4(resolution - 1);
     double4 k = ((o + t_in * d) - lower) / size;
     k = k > 0.0 ? k : (double4)(0.0);
@@ -118,6 +155,9 @@ bool enter_grid(const Ray *ray, __constant const GridParams *grid, double t_firs
     out.z = leaves.z < 7.0 ? walk->next.z + (long)ahead.z * walk->pace.z : (long)MOST_TICKS;
     const long left = least_tick(&out), last = tick_after(walk, t_out);
     walk->stop = left < last ? left : last;
+#ifdef NESTED
+    coarsen(walk);
+#endif
     return walk->stop > 0;
 }
 

@@ -20,6 +20,60 @@ typedef struct {
     Beam beam;         // bounds of all rays
 } Way;
 
+// Cells as the way passes them: those of the grid, or of a subgrid.
+typedef struct {
+    float lower[3], size[3], per_unit[3];
+    int cells[3];      // along each axis
+    uint number;       // of the first one
+#ifdef NESTED
+    float first[3];    // where that is, in cells of this size from the lower corner
+#endif
+} Box;
+
+Box whole_box(__constant const GridParams *grid)
+{
+    Box box;
+    for (int a = 0; a < 3; ++a) {
+        box.lower[a] = grid->lower_f[a];
+        box.size[a] = (float)grid->cell_size[a];
+        box.per_unit[a] = grid->cells_per_unit[a];
+        box.cells[a] = (int)grid->resolution[a];
+#ifdef NESTED
+        box.first[a] = 0.0f;
+#endif
+    }
+    box.number = 0;
+    return box;
+}
+
+#ifdef NESTED
+Box box_of_subgrid(__constant const GridParams *grid, __global const Subgrid *subgrid)
+{
+    Box box;
+    for (int a = 0; a < 3; ++a) {
+        // A power of two: nothing is rounded.
+        const float finer = (float)(1u << (FINEST - finer_than(subgrid, a)));
+        box.lower[a] = grid->lower_f[a];
+        box.size[a] = (float)grid->cell_size[a] / finer;
+        box.per_unit[a] = grid->cells_per_unit[a] * finer;
+        box.cells[a] = 1 << halvings_of(subgrid, a);
+        box.first[a] = (float)subgrid->first[a];
+    }
+    box.number = subgrid->first_cell;
+    return box;
+}
+#endif
+
+// Depth of plane k of a box along an axis.
+float depth_of(const Box *box, int axis, int k)
+{
+#ifdef NESTED
+    return box->lower[axis] + (box->first[axis] + (float)k) * box->size[axis];
+#else
+    return box->lower[axis] + (float)k * box->size[axis];
+#endif
+}
+
 // Of rays whose major axis is class / 2, and which descend it if class is odd.
 void name_axes(Way *way, uint class)
 {
@@ -49,44 +103,48 @@ bool clip_depths(Way *way, __constant const GridParams *grid)
     return way->from < way->to;
 }
 
-// Number of the cell along an axis that holds x; x may be outside.
-float cell_at(__constant const GridParams *grid, int axis, float x)
+// Number of the box's cell along an axis that holds x; x may be outside.
+float cell_at(const Box *box, int axis, float x)
 {
-    return (x - grid->lower_f[axis]) * grid->cells_per_unit[axis];
+#ifdef NESTED
+    return (x - box->lower[axis]) * box->per_unit[axis] - box->first[axis];
+#else
+    return (x - box->lower[axis]) * box->per_unit[axis];
+#endif
 }
 
 // Whether the rays overlap few enough cells of a slice for them to gain by company.
-bool keeps_together(const Way *way, __constant const GridParams *grid)
+bool keeps_together(const Way *way, const Box *box)
 {
     const Beam *b = &way->beam;
     for (int end = 0; end < 2; ++end) {
         const float depth = end ? way->to : way->from;
         const float u = b->at[1] - b->at[0] + (b->slope[1] - b->slope[0]) * depth;
         const float v = b->at[3] - b->at[2] + (b->slope[3] - b->slope[2]) * depth;
-        if ((u * grid->cells_per_unit[way->ku] + 1.0f) * (v * grid->cells_per_unit[way->kv] + 1.0f) > WIDEST_SLICE)
+        if ((u * box->per_unit[way->ku] + 1.0f) * (v * box->per_unit[way->kv] + 1.0f) > WIDEST_SLICE)
             return false;
     }
     return true;
 }
 
 // Number of the slice at a depth.
-int slice_at(__constant const GridParams *grid, int axis, float depth)
+int slice_at(const Box *box, int axis, float depth)
 {
-    const int highest = (int)grid->resolution[axis] - 1;
-    return min((int)clamp(cell_at(grid, axis, depth), 0.0f, (float)highest), highest);
+    const int highest = box->cells[axis] - 1;
+    return min((int)clamp(cell_at(box, axis, depth), 0.0f, (float)highest), highest);
 }
 
-// Cells that the bundle's bounds overlap between two depths. False: none in the grid.
-bool cells_between(const Way *way, __constant const GridParams *grid, float near, float far, int *first, int *last)
+// Cells of the box that the bundle's bounds overlap between two depths. False: none.
+bool cells_between(const Way *way, const Box *box, float near, float far, int *first, int *last)
 {
     const Beam *beam = &way->beam;
     for (int i = 0; i < 2; ++i) {
-        const int axis = i ? way->kv : way->ku, highest = (int)grid->resolution[axis] - 1;
+        const int axis = i ? way->kv : way->ku, highest = box->cells[axis] - 1;
         const float low_at = beam->at[2 * i], low_slope = beam->slope[2 * i];
         const float high_at = beam->at[2 * i + 1], high_slope = beam->slope[2 * i + 1];
         const float low = min(low_at + low_slope * near, low_at + low_slope * far);
         const float high = max(high_at + high_slope * near, high_at + high_slope * far);
-        const float least = cell_at(grid, axis, low - BEAM_PAD), greatest = cell_at(grid, axis, high + BEAM_PAD);
+        const float least = cell_at(box, axis, low - BEAM_PAD), greatest = cell_at(box, axis, high + BEAM_PAD);
         if (!(greatest >= 0.0f && least < (float)(highest + 1)))
             return false;
         first[axis] = min((int)max(least, 0.0f), highest);
@@ -97,16 +155,15 @@ bool cells_between(const Way *way, __constant const GridParams *grid, float near
 
 #ifdef SKIP_EMPTY
 // Whether the bricks are empty that the rays may pass in a layer of them, across the major axis.
-bool layer_is_empty(const Way *way, int layer, __constant const GridParams *grid, __global const uchar *distances)
+bool layer_is_empty(const Way *way, int layer, const Box *box, __global const uchar *distances)
 {
     const int kd = way->kd;
-    const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
     int first[3], last[3];
-    if (!cells_between(way, grid, lower + (float)(layer * (int)BRICK) * cell,
-                       lower + (float)((layer + 1) * (int)BRICK) * cell, first, last))
+    if (!cells_between(way, box, depth_of(box, kd, layer * (int)BRICK), depth_of(box, kd, (layer + 1) * (int)BRICK),
+                       first, last))
         return true;
     first[kd] = last[kd] = layer * (int)BRICK;
-    const uint across = (grid->resolution[0] + BRICK - 1) / BRICK, deep = (grid->resolution[1] + BRICK - 1) / BRICK;
+    const uint across = ((uint)box->cells[0] + BRICK - 1) / BRICK, deep = ((uint)box->cells[1] + BRICK - 1) / BRICK;
     for (uint z = (uint)first[2] / BRICK; z <= (uint)last[2] / BRICK; ++z)
         for (uint y = (uint)first[1] / BRICK; y <= (uint)last[1] / BRICK; ++y)
             for (uint x = (uint)first[0] / BRICK; x <= (uint)last[0] / BRICK; ++x)
@@ -116,25 +173,24 @@ bool layer_is_empty(const Way *way, int layer, __constant const GridParams *grid
 }
 #endif
 
-
 // Whether none of the cells has a list that the rays may pass. False also where they are too many to look.
 bool passes_nothing(Way *way, GRID_PARAMETERS)
 {
     const int kd = way->kd;
+    const Box box = whole_box(grid);
     if (!clip_depths(way, grid))
         return true;
-    if (!keeps_together(way, grid))
+    if (!keeps_together(way, &box))
         return false;
-    const float lower = grid->lower_f[kd], cell = (float)grid->cell_size[kd];
-    const int end = slice_at(grid, kd, way->to);
-    for (int slice = slice_at(grid, kd, way->from); slice <= end; ++slice) {
+    const int end = slice_at(&box, kd, way->to);
+    for (int slice = slice_at(&box, kd, way->from); slice <= end; ++slice) {
         int first[3], last[3];
-        if (!cells_between(way, grid, lower + (float)slice * cell, lower + (float)(slice + 1) * cell, first, last))
+        if (!cells_between(way, &box, depth_of(&box, kd, slice), depth_of(&box, kd, slice + 1), first, last))
             continue;
         first[kd] = last[kd] = slice;
         for (int z = first[2]; z <= last[2]; ++z)
             for (int y = first[1]; y <= last[1]; ++y) {
-                const uint row = ((uint)z * grid->resolution[1] + (uint)y) * grid->resolution[0];
+                const uint row = ((uint)z * (uint)box.cells[1] + (uint)y) * (uint)box.cells[0];
                 if (!all_empty(row + (uint)first[0], (uint)(last[0] - first[0]) + 1, grid, LIST_ARGUMENTS))
                     return false;
             }

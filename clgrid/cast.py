@@ -134,7 +134,9 @@ def cast_in_tiles(
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
     tuning = tuning_of(target.device)
-    options = {**options, **tuning.defines, **tuning.turns(target.mesh.triangle_count)}
+    options = {**options, **tuning.defines}
+    if parts[0].lists.subgrids is None:
+        options |= tuning.turns(target.mesh.triangle_count)
     if division.row:
         launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
         return run(target, launch, division, rays, results)

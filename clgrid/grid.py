@@ -107,6 +107,7 @@ class Grid(Queries):
             recipe.params(part),
             recipe.layout,
             recipe.skipping,
+            recipe.density,
         )
         return GridPart(part, lists)
 
@@ -243,13 +244,13 @@ def build(
     Parameters
     ----------
     mesh : Mesh
-    layout : {"compact", "hashed", "linked-list", "dynamic-array", "auto"}
-        How cells find their lists: the paper's two, those that it compares them with, or whichever of the
-        two is estimated to be faster.
+    layout : {"compact", "hashed", "linked-list", "dynamic-array", "nested", "nested-hashed", "auto"}
+        How cells find their lists: the paper's two, those that it compares them with, or the paper's two over
+        a coarse grid whose cells have grids of their own, for scenes that are crowded here and empty there.
     density : float or "auto"
-        Cells per triangle. The paper's is 4.
+        Cells per triangle. The paper's is 4. Of a nested layout, cells of subgrids per triangle in them.
     resolution : (int, int, int), optional
-        Cells along x, y, z, instead of a density.
+        Cells along x, y, z, instead of a density; of a nested layout those of the top grid, at most 4096.
     accuracy : {"robust", "fast", "precise", "exact"}
         A rung of the accuracy ladder (docs/numerics.md): no ray through a closed mesh, and the same bits
         everywhere; float32 without a promise, in 0.5 to 0.75 of the time; robust in float64; or the
@@ -328,8 +329,9 @@ def predict_choice(
         allocator = Allocator(chosen, recipe.max_memory)
         part = DeviceMesh(mesh, chosen, allocator).whole
         sizes = layouts.predict(
-            chosen, allocator, part.vertices, part.faces, recipe.params(part), recipe.layout, recipe.skipping
-        )
+            chosen, allocator, part.vertices, part.faces, recipe.params(part), recipe.layout, recipe.skipping,
+            recipe.density,
+        )  # fmt: skip
         allocator.check_arrays(sizes, f"a grid of density {recipe.density:g}")
         return sizes
 

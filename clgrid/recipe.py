@@ -13,10 +13,13 @@ from clgrid import calibrate, cost
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.estimate import sample
-from clgrid.layouts import LAYOUTS
+from clgrid.layouts import ALL_LAYOUTS
+from clgrid.layouts.lists import NESTED
+from clgrid.layouts.nested import DEFAULT_DENSITY as NESTED_DENSITY
+from clgrid.layouts.nested import top_resolution, within_nest
 from clgrid.layouts.planes import plane_params
 from clgrid.mesh import Mesh
-from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
+from clgrid.resolution import DEFAULT_DENSITY, by_density, checked, checked_density
 from clgrid.rungs import ACCURACIES
 from clgrid.target import MeshPart
 
@@ -39,7 +42,11 @@ class Recipe:
     def params(self, part: MeshPart) -> npt.NDArray[np.void]:
         """The planes of the grid over a part of the mesh."""
         bounds = part.local_bounds
-        cells = self.resolution or by_density(bounds[1] - bounds[0], part.count, self.density)
+        extents = bounds[1] - bounds[0]
+        if self.layout in NESTED:
+            cells = within_nest(self.resolution or top_resolution(extents, part.count))
+        else:
+            cells = self.resolution or by_density(extents, part.count, self.density)
         return plane_params(bounds, cells, part.count, part.first)
 
 
@@ -73,7 +80,7 @@ class Options:
 
     def __post_init__(self) -> None:
         for name, value, known in (
-            ("layout", self.layout, (*LAYOUTS, AUTO)),
+            ("layout", self.layout, (*ALL_LAYOUTS, AUTO)),
             ("accuracy", self.accuracy, ACCURACIES),
             ("skipping", self.skipping, (True, False, AUTO)),
         ):
@@ -83,6 +90,10 @@ class Options:
             raise InputError(f"density is {self.density!r}; give a number or 'auto'")
         if self.resolution is not None:
             object.__setattr__(self, "resolution", checked(self.resolution))
+        if self.layout in NESTED and self.skipping is True:
+            raise InputError(
+                f"skipping is for grids whose cells are all of one size; {self.layout} needs none"
+            )
         if self.rays < 0:
             raise InputError(f"rays is {self.rays}; give how many are expected, at least 0")
 
@@ -97,6 +108,8 @@ class Options:
             That of the smallest grid, if all are refused.
         """
         open_density = isinstance(self.density, str) and self.resolution is None
+        if self.layout in NESTED:
+            return attempt(self._settled()), None
         if not mesh.triangle_count or not (open_density or AUTO in (self.layout, self.skipping)):
             return attempt(self._settled()), None
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
@@ -118,7 +131,8 @@ class Options:
     def _settled(self) -> Recipe:
         """The recipe where nothing is left to choose, or nothing depends on it."""
         layout = cost.LAYOUTS[0] if self.layout == AUTO else self.layout
-        density = DEFAULT_DENSITY if isinstance(self.density, str) else self.density
+        usual = NESTED_DENSITY if layout in NESTED else DEFAULT_DENSITY
+        density = usual if isinstance(self.density, str) else checked_density(self.density)
         skipping = self.skipping is True
         return Recipe(layout, density, self.resolution, self.accuracy, self.max_memory, skipping)
 

@@ -50,9 +50,7 @@ def by_density(extents: npt.NDArray[np.float64], triangles: int, density: float)
     GridTooLargeError
         If more than 2**32 cells would be needed.
     """
-    if not (np.isfinite(density) and density > 0):
-        raise InputError(f"density is {density}; give a positive number of cells per triangle")
-    wanted = density * triangles
+    wanted = checked_density(density) * triangles
     longest = float(extents.max())
     resolution = np.ones(3, np.int64)
     free = [axis for axis in range(3) if longest > 0 and extents[axis] > _FLATTEST * longest]
@@ -70,6 +68,19 @@ def by_density(extents: npt.NDArray[np.float64], triangles: int, density: float)
         resolution[free[least]] = max(1, int(min(cells[least], caps[least])))
         free.pop(least)
     return checked((int(resolution[0]), int(resolution[1]), int(resolution[2])))
+
+
+def checked_density(density: float) -> float:
+    """The density itself, if it is a positive finite number.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    if not (np.isfinite(density) and density > 0):
+        raise InputError(f"density is {density}; give a positive number of cells per triangle")
+    return density
 
 
 def checked(resolution: tuple[int, int, int]) -> tuple[int, int, int]:

@@ -69,6 +69,8 @@ GRID = Struct(
         ("double", "lower", 3),
         ("double", "upper", 3),
         ("double", "cell_size", 3),
+        # Nested layouts: a reference from here on is no triangle but a subgrid.
+        ("ulong", "first_subgrid", 1),
         # The float32 twins that rasterise bounding boxes; see docs/numerics.md.
         ("float", "lower_f", 3),
         ("float", "cells_per_unit", 3),
@@ -78,6 +80,18 @@ GRID = Struct(
         ("uint", "first_triangle", 1),
         # A slab of the build is 2^slab_shift consecutive cells.
         ("uint", "slab_shift", 1),
+    ),
+)
+
+SUBGRID = Struct(
+    "Subgrid",
+    (
+        ("uint", "first_cell", 1),
+        # Per axis, four bits each: halvings of the parent's cell that make its own, and from bit 12 on of one
+        # of its own that make the finest there can be.
+        ("uint", "halvings", 1),
+        # Where its first cell is, in cells of its size from the grid's lower corner.
+        ("int", "first", 3),
     ),
 )
 
@@ -104,7 +118,7 @@ CAMERA = Struct(
     ),
 )
 
-ALL = (GRID, FRAME, CAMERA)
+ALL = (GRID, SUBGRID, FRAME, CAMERA)
 
 
 def declarations(structs: Sequence[Struct] = ()) -> str:

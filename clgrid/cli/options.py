@@ -17,8 +17,8 @@ SceneNames = Annotated[list[str], typer.Argument(metavar="SCENE...", help=_SCENE
 Layout = Annotated[
     str,
     typer.Option(
-        help="How cells find their triangles: compact, hashed, linked-list, dynamic-array; auto is the faster"
-        " of the first two.",
+        help="How cells find their triangles: compact, hashed, nested, nested-hashed, linked-list,"
+        " dynamic-array; auto is the one that is estimated to be fastest.",
         rich_help_panel=GRID,
     ),
 ]

@@ -6,17 +6,19 @@ CONTROL FLOW. Everything starts and ends in ``build``: references are counted an
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid.device import Device
-from clgrid.layouts import compact, dynamic_array, hashed, linked_list, skipping
+from clgrid.layouts import compact, dynamic_array, hashed, linked_list, nested, skipping
 from clgrid.layouts.binning import Binned, Work, count, sort_by_slab
-from clgrid.layouts.lists import CellLists
+from clgrid.layouts.lists import NESTED, Array, CellLists
 from clgrid.layouts.planes import ROW_CELLS
 from clgrid.memory import Allocator
+from clgrid.resolution import DEFAULT_DENSITY
 
 _FINISH = {
     "compact": compact.finish,
@@ -25,6 +27,8 @@ _FINISH = {
     "dynamic-array": dynamic_array.finish,
 }
 LAYOUTS = tuple(_FINISH)
+"""Of grids whose cells are all of one size."""
+ALL_LAYOUTS = (*LAYOUTS, *NESTED)
 _STAGES = {
     "compact": ("insert_references",),
     "hashed": ("place_rows", "insert_hashed"),
@@ -35,7 +39,11 @@ _STAGES = {
 
 def programs(layout: str, *, skip: bool) -> tuple[str, ...]:
     """The files that a build compiles."""
-    stages = ["count_references", "scan_slabs", "bin_references", *_STAGES[layout]]
+    if layout in NESTED:
+        plan = ["weigh_cells", "shape_subgrids", "place_subgrids"]
+        stages = [*plan, "count_nested", "scan_slabs", "bin_nested", *_STAGES[NESTED[layout]]]
+    else:
+        stages = ["count_references", "scan_slabs", "bin_references", *_STAGES[layout]]
     stages += ["mark_bricks", "spread_distances"] if skip else []
     return tuple(f"{stage}.cl" for stage in stages)
 
@@ -48,6 +56,7 @@ def build(
     params: npt.NDArray[np.void],
     layout: str,
     skip: bool,
+    density: float = DEFAULT_DENSITY,
 ) -> CellLists:
     """Build the grid of the triangles on the device.
 
@@ -64,7 +73,9 @@ def build(
     layout : str
         One of LAYOUTS.
     skip : bool
-        Whether to add the distances of empty-space skipping.
+        Whether to add the distances of empty-space skipping; a nested layout has none.
+    density : float
+        Cells of subgrids by triangle, of a nested layout.
 
     Raises
     ------
@@ -72,8 +83,19 @@ def build(
         If the arrays exceed the allocator's limit or the device.
     """
     work = Work(device, allocator, vertices, faces, params)
+    if layout in NESTED:
+        return _nested(work, layout, density)
     lists = _FINISH[layout](work, _sorted(work, layout, skip))
     return skipping.with_distances(work, lists) if skip else lists
+
+
+def _nested(work: Work, layout: str, density: float) -> CellLists:
+    nest = nested.plan(work, density)
+    binned = nested.sort_by_slab(work, nest)
+    least = compact.nbytes(work) if NESTED[layout] == "compact" else {"references": 4 * work.reference_count}
+    work.allocator.check_arrays({**least, "subgrids": nest.nbytes}, work.name)
+    lists = _FINISH[NESTED[layout]](work, binned)
+    return replace(lists, layout=layout, subgrids=Array(nest.subgrids, nest.nbytes), cells=work.cells)
 
 
 def predict(
@@ -84,14 +106,30 @@ def predict(
     params: npt.NDArray[np.void],
     layout: str,
     skip: bool,
+    density: float = DEFAULT_DENSITY,
 ) -> dict[str, int]:
     """Bytes by array of the grid that ``build`` would make, exactly; none of them is kept.
 
     References are counted; only layouts whose size depends on where they fall sort them too.
     """
     work = Work(device, allocator, vertices, faces, params)
+    if layout in NESTED:
+        return _predict_nested(work, layout, density)
     sizes = _predict(work, layout)
     return {**sizes, "distances": skipping.nbytes(work.resolution)} if skip else sizes
+
+
+def _predict_nested(work: Work, layout: str, density: float) -> dict[str, int]:
+    allocator, nest = work.allocator, nested.plan(work, density)
+    binned = nested.sort_by_slab(work, nest)
+    if NESTED[layout] == "hashed":
+        placed = hashed.place(work, binned)
+        sizes = hashed.nbytes(work, placed)
+        allocator.release(placed.domain, placed.offsets)
+    else:
+        sizes = compact.nbytes(work)
+    allocator.release(binned.slab_starts, binned.ends, binned.entries, nest.subgrids)
+    return {**sizes, "subgrids": nest.nbytes}
 
 
 def _predict(work: Work, layout: str) -> dict[str, int]:

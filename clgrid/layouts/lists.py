@@ -9,6 +9,9 @@ import numpy as np
 
 from clgrid.layouts.planes import BRICK
 
+NESTED = {"nested": "compact", "nested-hashed": "hashed"}
+"""Nested layouts, with the one in which each keeps the lists of its cells."""
+
 # Of the arrays of cl/lists.h; those of _POSITIONS are uint64 in a grid of more than 2^32 references.
 _POSITIONS = ("cells", "table", "heads", "next", "pointers")
 _DTYPES: dict[str, type[np.unsignedinteger[Any]]] = {
@@ -51,6 +54,10 @@ class CellLists:
         Whether positions of references have 64 bits.
     distances : Array, optional
         A byte for every brick, by which rays leap over empty space.
+    subgrids : Array, optional
+        Of a nested grid.
+    cells : int
+        M, where the resolution does not say it: of a nested grid all cells, the top grid's among them.
     """
 
     layout: str
@@ -63,6 +70,8 @@ class CellLists:
     slots: int = 0
     wide: bool = False
     distances: Array | None = None
+    subgrids: Array | None = None
+    cells: int = 0
 
     @property
     def list_arguments(self) -> list[Any]:
@@ -72,8 +81,7 @@ class CellLists:
     @property
     def arguments(self) -> list[Any]:
         """The kernel arguments of GRID_PARAMETERS in cl/lists.h."""
-        skipping = [] if self.distances is None else [self.distances.buffer]
-        return [self.params, *self.list_arguments, *skipping]
+        return [self.params, *self.buffers]
 
     @property
     def dtypes(self) -> dict[str, type[np.unsignedinteger[Any]]]:
@@ -93,25 +101,32 @@ class CellLists:
     @property
     def cell_count(self) -> int:
         """M."""
-        return self.resolution[0] * self.resolution[1] * self.resolution[2]
+        return self.cells or self.resolution[0] * self.resolution[1] * self.resolution[2]
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes by array."""
         nbytes = {name: array.nbytes for name, array in self.arrays.items()}
-        if self.distances is not None:
-            nbytes["distances"] = self.distances.nbytes
+        for name, array in self._beside.items():
+            nbytes[name] = array.nbytes
         return nbytes
+
+    @property
+    def _beside(self) -> dict[str, Array]:
+        """Arrays that are not of the lists."""
+        both = {"distances": self.distances, "subgrids": self.subgrids}
+        return {name: array for name, array in both.items() if array is not None}
 
     @property
     def buffers(self) -> list[Any]:
         """Every buffer that goes with the grid."""
-        skipping = [] if self.distances is None else [self.distances.buffer]
-        return [*self.list_arguments, *skipping]
+        return [*self.list_arguments, *(array.buffer for array in self._beside.values())]
 
 
 def list_defines(layout: str, *, wide: bool) -> dict[str, int | str]:
     """The options of cl/lists.h for a layout; the compact one needs none."""
+    if layout in NESTED:
+        return {**list_defines(NESTED[layout], wide=wide), "NESTED": 1}
     defines: dict[str, int | str] = {} if layout == "compact" else {f"LAYOUT_{_macro(layout)}": 1}
     return {**defines, "WIDE_REFERENCES": 1} if wide else defines
 

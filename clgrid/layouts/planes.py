@@ -46,7 +46,8 @@ def plane_params(
         resolution=resolution,
         triangle_count=triangles,
         first_triangle=first_triangle,
-        slab_shift=_slab_shift(resolution[0] * resolution[1] * resolution[2]),
+        slab_shift=slab_shift(resolution[0] * resolution[1] * resolution[2]),
+        first_subgrid=2**32,
     )
 
 
@@ -57,7 +58,7 @@ def padded_box(bounds: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64]
     return lower, bounds[1] + 2 * BOX_PAD - lower
 
 
-def _slab_shift(cells: int) -> int:
+def slab_shift(cells: int) -> int:
     """Large slabs keep counters few, many of them keep all threads busy."""
     wanted = (cells // _FEWEST_SLABS).bit_length() - 1
     return min(_LARGEST_SLAB_SHIFT, max(_SMALLEST_SLAB_SHIFT, wanted))
