@@ -23,18 +23,24 @@ typedef struct {
     double lower[3], size[3], per_unit, slack;
 } Planes;
 
+// x / 2^n, without a division.
+double halved(double x, uint n)
+{
+    return x * as_double((ulong)(1023u - n) << 52);
+}
+
 // Those of a grid whose cells are 2^finer times as small.
 Planes planes_of(__constant const GridParams *grid, uint4 finer)
 {
-    const double halved[3] = {(double)(1u << finer.x), (double)(1u << finer.y), (double)(1u << finer.z)};
+    const uint halvings[3] = {finer.x, finer.y, finer.z};
     Planes p;
     for (int a = 0; a < 3; ++a) {
         p.lower[a] = grid->lower[a];
-        p.size[a] = grid->cell_size[a] / halved[a];
+        p.size[a] = halved(grid->cell_size[a], halvings[a]);
     }
     p.per_unit = 1.0 / p.size[0];
     // A point on a plane belongs to the cells on both sides, wherever rounding puts it.
-    p.slack = 0x1p-48 * ((double)grid->resolution[0] * halved[0]);
+    p.slack = 0x1p-48 * ((double)grid->resolution[0] * (double)(1u << finer.x));
     return p;
 }
 

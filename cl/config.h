@@ -44,7 +44,9 @@ typedef uint ref_index;
 #define ROW_CELLS (1u << ROW_SHIFT)
 // A row with more full cells than this would leave holes that no other row fits, and take long to place: its
 // full cells alone get slots, one after another, and a cell's slot is the number of full cells before it.
+#ifndef DENSE_ROW
 #define DENSE_ROW 8u
+#endif
 // Slot of a full cell x of a row, counted from the row's offset (mod 2^16): both kinds are computed, since
 // which of them it is cannot be foretold by a branch.
 #define SLOT_IN_ROW(row, x)                                                                       \
@@ -63,13 +65,13 @@ typedef uint ref_index;
 // Half an ulp of 1: the unit round-off of float32.
 #define UNIT_ROUNDOFF 0x1p-24
 
-// What rounding in float64 may do to the product of a triangle's normal with a vector in the grid.
-#define FACET_SLACK 0x1p-42
-
 // How far, on each axis, the ray at its computed t may be from the triangle that it hits there.
 #define HIT_ERROR (26 * UNIT_ROUNDOFF)
 // A box is entered in every cell within this distance: HIT_ERROR plus the rounding of cell_range.
 #define BOX_PAD (40 * UNIT_ROUNDOFF)
+// A cell of a subgrid may touch a triangle's plane and edges within this, in float32; the slack is relative.
+#define FACET_PAD (64 * UNIT_ROUNDOFF)
+#define FACET_SLACK (64 * UNIT_ROUNDOFF)
 // A computed t and the ray's true passage at the hit differ by less than this.
 #define T_SLACK (32 * UNIT_ROUNDOFF)
 

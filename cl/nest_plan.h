@@ -24,8 +24,8 @@ uint cells_of(uint halvings)
     return 1u << ((halvings & 15u) + (halvings >> 4 & 15u) + (halvings >> 8 & 15u));
 }
 
-void block_range(uint block, uint block_size, __global const Subgrid *subgrids, uint owners, uint first_cell,
-                 uint cells, uint *begin, uint *end)
+void block_range(uint block, uint block_size, __global const Subgrid *subgrids, uint owners, uint cells,
+                 uint *begin, uint *end)
 {
     if (owners == 0) {
         *begin = min(block * block_size, cells);

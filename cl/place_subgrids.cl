@@ -1,4 +1,4 @@
-// Nested grids, before they are built: numbers the subgrids that shape_subgrids.cl found, and their cells.
+// Nested grids: numbers the subgrids that shape_subgrids.cl found, and their cells.
 //   halvings[cell]     of its subgrid; 0: it has none
 //   starts[block]      numbers of the block's first coarse subgrid, of that one's first cell; the same for the others
 //   children[cell]     number of its subgrid, plus one
@@ -14,7 +14,7 @@ __kernel void place_subgrids(__constant const GridParams *grid, uint owners, uin
     uint next[4], begin, end;
     for (uint k = 0; k < 4; ++k)
         next[k] = starts[4 * block + k];
-    block_range(block, block_size, subgrids, owners, first_cell, cells, &begin, &end);
+    block_range(block, block_size, subgrids, owners, cells, &begin, &end);
     Owner owner = first_owner(grid, subgrids, owners, block * block_size);
     for (uint cell = begin; cell < end; ++cell) {
         find_owner(&owner, subgrids, cell);

@@ -1,15 +1,16 @@
-// Nested grids, before they are built: which cells get a subgrid, and of how many cells. Those of many triangles get a
-// coarse one, the cells of which may get subgrids in turn, if `deepest` is 0.
-//   weights[item of weigh_cells][cell]   becomes, of item 0, the halvings of the cell's subgrid; 0: it gets none
+// Nested grids: which cells get a subgrid, and of how many cells, by the lengths of their lists. Those of very many
+// triangles get a coarse one, the cells of which may get subgrids in turn.
+//   lists[cell - first_cell]             where the cell's list begins
+//   halvings[cell - first_cell]          of its subgrid; 0: it gets none
 //   totals[block]                        subgrids that are coarse, their cells; others, their cells
 #include "nest_plan.h"
 
-// Most triangles of a cell whose subgrid is the last.
+// More triangles of a cell of the top grid get a coarse subgrid.
 #ifndef CROWDED
 #define CROWDED 1024.0f
 #endif
 #define COARSE_DENSITY 0.125f
-// Halvings of a coarse one along an axis, and of another: together no more than FINEST.
+// Halvings along an axis: of a coarse subgrid and of one in it, together no more than FINEST.
 #define MOST_HALVINGS 5u
 
 // How to halve a cell, longest side first, to get about so many.
@@ -35,33 +36,30 @@ uint halvings_for(float wanted, float4 size, uint4 finer)
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void shape_subgrids(__constant const GridParams *grid, __global const Subgrid *subgrids, uint owners,
-                             uint first_cell, uint cells, uint block_size, uint items, float weight, float density,
-                             float fewest, uint deepest, __global uint *weights, __global uint *totals)
+                             uint first_cell, uint cells, uint block_size, __global const uint *lists, float density,
+                             float fewest, __global uint *halvings, __global uint *totals)
 {
     const uint block = get_global_id(0);
     uint total[4] = {0, 0, 0, 0};
     uint begin, end;
-    block_range(block, block_size, subgrids, owners, first_cell, cells, &begin, &end);
+    block_range(block, block_size, subgrids, owners, cells, &begin, &end);
     Owner owner = first_owner(grid, subgrids, owners, block * block_size);
     for (uint cell = begin; cell < end; ++cell) {
         find_owner(&owner, subgrids, cell);
         const uint at = cell - first_cell;
-        uint sum = 0;
-        for (uint item = 0; item < items; ++item)
-            sum += weights[(size_t)item * cells + at];
-        const float triangles = (float)sum * weight;
-        uint halvings = 0;
+        const float triangles = (float)(lists[at + 1] - lists[at]);
+        uint found = 0;
         if (triangles >= fewest) {
-            const bool coarse = deepest == 0 && triangles > CROWDED;
-            halvings = halvings_for(triangles * (coarse ? COARSE_DENSITY : density), owner.size, owner.finer);
-            if (halvings != 0) {
+            const bool coarse = owners == 0 && triangles > CROWDED;
+            found = halvings_for(triangles * (coarse ? COARSE_DENSITY : density), owner.size, owner.finer);
+            if (found != 0) {
                 const uint kind = coarse ? 0 : 2;
                 ++total[kind];
-                total[kind + 1] += cells_of(halvings);
-                halvings |= coarse ? COARSE : 0u;
+                total[kind + 1] += cells_of(found);
+                found |= coarse ? COARSE : 0u;
             }
         }
-        weights[at] = halvings;
+        halvings[at] = found;
     }
     for (uint k = 0; k < 4; ++k)
         totals[4 * block + k] = total[k];

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from clgrid.errors import GridTooLargeError
 from clgrid.estimate import Sample, Work, estimate_nbytes, estimates, leaping
+from clgrid.layouts import nested
+from clgrid.layouts.lists import NESTED
 from clgrid.resolution import by_density
 
 LADDER = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -28,6 +30,8 @@ DEFAULT_RAYS = 2**20
 TILE = 8
 """Rays along a side of a tile, as in cl/render.cl."""
 
+_NESTED_OF = {flat: layout for layout, flat in NESTED.items()}
+
 # Of grids this near to the fastest, the smallest is built.
 _AS_FAST = 1.01
 # What a picture shows, where rays end, by mean, as a share of the mesh's longest side.
@@ -39,6 +43,15 @@ _WIDEST = 10.3
 # What a reference that four tiles pass together costs, as a multiple of one that a tile passes: measured
 # (docs/performance.md, "Coherent rays").
 _HELD_BY_FOUR = 3.0
+
+# Triangles that share a cell with one, by mean, from which on a mesh is crowded: scans have up to 60.
+_CROWDED = 200.0
+# Blocks of four tiles that look at what is crowded pass whole lists of it: seconds for each triangle, on a
+# device on which a reference costs a tile what it typically does; a quarter of a picture's blocks do.
+_CROWD_S = 6e-10
+_TYPICAL_REFERENCE_S = 2.4e-9
+# Seconds that a nested grid takes to build, by those of a uniform one of a cell a triangle.
+_NESTED_BUILD = 3.0
 
 Made = TypeVar("Made")
 
@@ -73,6 +86,11 @@ class Constants:
         width = TILE * _SHOWN * work.across / math.sqrt(rays)
         amounts = passed_by_blocks(rays, work.steps, work.tests, width)
         return sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
+
+    def crowd_s(self, crowd: float, rays: float) -> float:
+        """Seconds that a picture of so many rays takes longer where so many triangles share a cell."""
+        speed = self.cast[2] / _TYPICAL_REFERENCE_S
+        return rays / (4 * TILE**2) * crowd * _CROWD_S * speed
 
 
 def passed_by_tiles(rays: float, steps: float, tests: float, width: float) -> tuple[float, float, float]:
@@ -180,6 +198,8 @@ class Question:
         Bytes that the finished grid may have.
     device_memory : int
         Bytes that the grid may have with what the build holds beside it.
+    nested : bool
+        Whether a nested grid is in question too.
     """
 
     kinds: tuple[tuple[str, bool], ...]
@@ -188,6 +208,7 @@ class Question:
     rays: int
     max_memory: int | None
     device_memory: int
+    nested: bool = False
 
 
 def candidates(
@@ -205,13 +226,44 @@ def candidates(
     resolutions = _resolutions(seen, asked)
     works = estimates(seen, [cells for _, cells in resolutions])
     grids = [(density, cells, work) for (density, cells), work in zip(resolutions, works, strict=True)]
-    return [
+    crowds = _crowds(seen, [cells for _, cells in resolutions])
+    uniform = [
         _candidate(
-            asked, constants[layout, skip], layout, density, skip, cells, leaping(work) if skip else work
+            asked,
+            constants[layout, skip],
+            layout,
+            density,
+            skip,
+            cells,
+            leaping(work) if skip else work,
+            crowd,
         )
         for layout, skip in asked.kinds
-        for density, cells, work in grids
+        for (density, cells, work), crowd in zip(grids, crowds, strict=True)
     ]
+    return [*uniform, *_nested(seen, asked, constants)] if asked.nested and crowds[0] else uniform
+
+
+def _crowds(seen: Sample, resolutions: Sequence[tuple[int, int, int]]) -> list[float]:
+    """How many triangles share a cell with one in each grid; 0 for all if the mesh is not crowded."""
+    once = seen.crowd(by_density(seen.bounds[1] - seen.bounds[0], seen.triangles, 1.0))
+    return [seen.crowd(cells) if once > _CROWDED else 0.0 for cells in resolutions]
+
+
+def _nested(
+    seen: Sample, asked: Question, constants: dict[tuple[str, bool], Constants]
+) -> Iterator[Candidate]:
+    """A nested grid: as a uniform one of a cell a triangle in which nothing is crowded, but for its build."""
+    resolution = by_density(seen.bounds[1] - seen.bounds[0], seen.triangles, 1.0)
+    work = estimates(seen, [resolution])[0]
+    for layout, skip in asked.kinds:
+        if skip:
+            continue
+        one = _candidate(
+            asked, constants[layout, skip], _NESTED_OF[layout], nested.DEFAULT_DENSITY, skip, resolution, work
+        )
+        top = nested.top_resolution(seen.bounds[1] - seen.bounds[0], seen.triangles)
+        yield replace(one, resolution=top, build_s=_NESTED_BUILD * one.build_s)
 
 
 def _candidate(
@@ -222,6 +274,7 @@ def _candidate(
     skip: bool,
     resolution: tuple[int, int, int],
     work: Work,
+    crowd: float = 0.0,
 ) -> Candidate:
     nbytes = estimate_nbytes(work, layout, resolution, skip)
     # What the build holds beside the finished grid: binned references, and a range for each triangle.
@@ -235,7 +288,7 @@ def _candidate(
         work=work,
         nbytes=nbytes,
         build_s=spent.build_s(work),
-        cast_s=spent.cast_s(work, asked.rays),
+        cast_s=spent.cast_s(work, asked.rays) + spent.crowd_s(crowd, asked.rays),
         fits=allowed and held <= asked.device_memory,
     )
 

@@ -11,7 +11,9 @@ from clgrid.device import Device
 from clgrid.frame import LocalFrame
 from clgrid.grid import predict_choice
 from clgrid.layouts import programs
-from clgrid.layouts.lists import list_defines
+from clgrid.layouts.lists import NESTED, list_defines
+from clgrid.layouts.nested import DEFAULT_DENSITY as NESTED_DENSITY
+from clgrid.layouts.nested import top_resolution, within_nest
 from clgrid.mesh import Mesh
 from clgrid.recipe import kinds
 from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
@@ -110,7 +112,10 @@ def explain(
         layout, skips = kinds(layout, skipping)[0]
     else:
         layout, skips, density = choice.chosen.layout, choice.chosen.skipping, choice.chosen.density
-    found = info(scene, density, resolution)
+    if layout in NESTED:
+        found = _of_nest(info(scene, resolution=(1, 1, 1)), scene.mesh, density, resolution, nbytes)
+    else:
+        found = info(scene, density, resolution)
     explained = ExplainRecord(
         device=record.describe_device(device),
         rays=rays,
@@ -123,6 +128,28 @@ def explain(
     )
     compiled = variants(scene.mesh, layout, skipping=skips)
     return msgspec.structs.replace(found, compiled=compiled, explained=explained)
+
+
+def _of_nest(
+    found: InfoRecord,
+    mesh: Mesh,
+    density: float | str,
+    resolution: tuple[int, int, int] | None,
+    nbytes: dict[str, int],
+) -> InfoRecord:
+    """With the top grid's resolution, and the cells of all grids, hashed ones to the next row of them."""
+    wanted = NESTED_DENSITY if isinstance(density, str) else density
+    if not mesh.triangle_count:
+        return msgspec.structs.replace(found, density=wanted, resolution=resolution)
+    extents = LocalFrame.of_bounds(mesh.bounds).to_local(mesh.bounds).astype(np.float64)
+    cells = nbytes["cells"] // 4 - 1 if "cells" in nbytes else 8 * nbytes["domain"]
+    return msgspec.structs.replace(
+        found,
+        density=wanted,
+        resolution=within_nest(resolution or top_resolution(extents[1] - extents[0], mesh.triangle_count)),
+        cells=cells,
+        cell_bytes=nbytes.get("cells", nbytes.get("domain", 0)),
+    )
 
 
 def _candidates(choice: Choice) -> list[CandidateRecord]:

@@ -147,4 +147,5 @@ class Options:
             rays=self.rays,
             max_memory=self.max_memory,
             device_memory=device.description.global_memory,
+            nested=self.layout == AUTO and isinstance(self.density, str) and self.resolution is None,
         )

@@ -6,7 +6,6 @@ CONTROL FLOW. Everything starts and ends in ``build``: references are counted an
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from clgrid.device import Device
 from clgrid.layouts import compact, dynamic_array, hashed, linked_list, nested, skipping
 from clgrid.layouts.binning import Binned, Work, count, sort_by_slab
-from clgrid.layouts.lists import NESTED, Array, CellLists
+from clgrid.layouts.lists import NESTED, CellLists
 from clgrid.layouts.planes import ROW_CELLS
 from clgrid.memory import Allocator
 from clgrid.resolution import DEFAULT_DENSITY
@@ -37,11 +36,16 @@ _STAGES = {
 }
 
 
+_NESTED_STAGES = (
+    "shape_subgrids", "place_subgrids", "count_kept", "count_subgrids", "fill_kept", "fill_subgrids",
+)  # fmt: skip
+
+
 def programs(layout: str, *, skip: bool) -> tuple[str, ...]:
     """The files that a build compiles."""
     if layout in NESTED:
-        plan = ["weigh_cells", "shape_subgrids", "place_subgrids"]
-        stages = [*plan, "count_nested", "scan_slabs", "bin_nested", *_STAGES[NESTED[layout]]]
+        stages = ["count_references", "scan_slabs", "bin_references", *_STAGES["compact"], *_NESTED_STAGES]
+        stages += ["mark_rows", "fill_table"] if NESTED[layout] == "hashed" else []
     else:
         stages = ["count_references", "scan_slabs", "bin_references", *_STAGES[layout]]
     stages += ["mark_bricks", "spread_distances"] if skip else []
@@ -84,18 +88,9 @@ def build(
     """
     work = Work(device, allocator, vertices, faces, params)
     if layout in NESTED:
-        return _nested(work, layout, density)
+        return nested.build(work, layout, density)
     lists = _FINISH[layout](work, _sorted(work, layout, skip))
     return skipping.with_distances(work, lists) if skip else lists
-
-
-def _nested(work: Work, layout: str, density: float) -> CellLists:
-    nest = nested.plan(work, density)
-    binned = nested.sort_by_slab(work, nest)
-    least = compact.nbytes(work) if NESTED[layout] == "compact" else {"references": 4 * work.reference_count}
-    work.allocator.check_arrays({**least, "subgrids": nest.nbytes}, work.name)
-    lists = _FINISH[NESTED[layout]](work, binned)
-    return replace(lists, layout=layout, subgrids=Array(nest.subgrids, nest.nbytes), cells=work.cells)
 
 
 def predict(
@@ -120,16 +115,10 @@ def predict(
 
 
 def _predict_nested(work: Work, layout: str, density: float) -> dict[str, int]:
-    allocator, nest = work.allocator, nested.plan(work, density)
-    binned = nested.sort_by_slab(work, nest)
-    if NESTED[layout] == "hashed":
-        placed = hashed.place(work, binned)
-        sizes = hashed.nbytes(work, placed)
-        allocator.release(placed.domain, placed.offsets)
-    else:
-        sizes = compact.nbytes(work)
-    allocator.release(binned.slab_starts, binned.ends, binned.entries, nest.subgrids)
-    return {**sizes, "subgrids": nest.nbytes}
+    """Where lists fall decides on everything, so that the grid is made and given back."""
+    lists = nested.build(work, layout, density)
+    work.allocator.release(*lists.buffers)
+    return lists.nbytes
 
 
 def _predict(work: Work, layout: str) -> dict[str, int]:

@@ -126,7 +126,9 @@ class CellLists:
 def list_defines(layout: str, *, wide: bool) -> dict[str, int | str]:
     """The options of cl/lists.h for a layout; the compact one needs none."""
     if layout in NESTED:
-        return {**list_defines(NESTED[layout], wide=wide), "NESTED": 1}
+        # A row has its slots for itself, without a search for holes that it would fit.
+        dense: dict[str, int | str] = {"DENSE_ROW": "0u"} if NESTED[layout] == "hashed" else {}
+        return {**list_defines(NESTED[layout], wide=wide), **dense, "NESTED": 1}
     defines: dict[str, int | str] = {} if layout == "compact" else {f"LAYOUT_{_macro(layout)}": 1}
     return {**defines, "WIDE_REFERENCES": 1} if wide else defines
 
