@@ -70,7 +70,7 @@ typedef uint ref_index;
 // A box is entered in every cell within this distance: HIT_ERROR plus the rounding of cell_range.
 #define BOX_PAD (40 * UNIT_ROUNDOFF)
 // A cell of a subgrid may touch a triangle's plane and edges within this, in float32; the slack is relative.
-#define FACET_PAD (64 * UNIT_ROUNDOFF)
+#define FACET_PAD (80 * UNIT_ROUNDOFF)
 #define FACET_SLACK (64 * UNIT_ROUNDOFF)
 // A computed t and the ray's true passage at the hit differ by less than this.
 #define T_SLACK (32 * UNIT_ROUNDOFF)

@@ -174,6 +174,17 @@ bool keeps_together_in(const Way *way, const Box *box)
     return keeps_together(&inside, box);
 }
 
+// Whether a hit at this depth, or deeper, may matter to a group of the bundles. None is left out of tests for that
+// before the next slice of the top grid: depths do not ascend from subgrid to subgrid, and a triangle that was
+// remembered while a group was left out would be missed where it is not.
+bool any_left(Company *company, uint first, uint end, float depth)
+{
+    uint any = 0;
+    for (uint b = first; b < end; ++b)
+        any |= groups_alive(company->bundles + b, depth);
+    return any != 0;
+}
+
 // Passes the slices of the grid, and of each subgrid in a slice before the next. False: the rays spread too far.
 bool pass_nest(Company *company, uint begin, uint end, const Way *way, const Box *whole, Waiting *waiting,
                GRID_PARAMETERS, MESH_PARAMETERS)
@@ -193,23 +204,21 @@ bool pass_nest(Company *company, uint begin, uint end, const Way *way, const Box
             stack[++depth] = passage_of(&box, way, waiting->subgrid_count);
             continue;
         }
+        if (count >= FEWEST_TESTED || (depth == 0 && count != 0)) {
+            keep_waiting(company, begin, end, waiting, count, MESH_ARGUMENTS);
+            count = 0;
+        }
         const bool over = way->side > 0.0f ? p->slice > p->final : p->slice < p->final;
-        if (over || !any_alive(company, begin, end, near_of(&p->box, way, p->slice))) {
+        const float near = near_of(&p->box, way, p->slice);
+        if (over || !(depth == 0 ? any_alive(company, begin, end, near) : any_left(company, begin, end, near))) {
             if (depth == 0)
-                break;
+                return true;
             --depth;
             continue;
         }
         count = take_slice(company, begin, end, way, &p->box, p->slice, waiting, count, GRID_ARGUMENTS, MESH_ARGUMENTS);
         p->slice += way->side > 0.0f ? 1 : -1;
-        if (count >= FEWEST_TESTED) {
-            keep_waiting(company, begin, end, waiting, count, MESH_ARGUMENTS);
-            count = 0;
-        }
     }
-    if (count != 0)
-        keep_waiting(company, begin, end, waiting, count, MESH_ARGUMENTS);
-    return true;
 }
 #endif
 

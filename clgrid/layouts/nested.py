@@ -163,7 +163,7 @@ class _Nest:
         """Room for so many more subgrids, and for the children of so many cells."""
         count = self.count
         self.subgrids = self._grown(
-            self.subgrids, _SUBGRID_BYTES * count, _SUBGRID_BYTES * (count + subgrids)
+            self.subgrids, _SUBGRID_BYTES * count, _SUBGRID_BYTES * max(count + subgrids, 1)
         )
         self.parents = self._grown(self.parents, 4 * count, 4 * (count + subgrids))
         self.children = self._grown(self.children, 4 * self.known, 4 * known)
