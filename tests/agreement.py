@@ -14,6 +14,8 @@ from clgrid.brute import brute_force, brute_force_count
 from clgrid.device import Device
 from clgrid.grid import Grid, build
 from clgrid.hits import AllHits, Hits
+from clgrid.layouts import ALL_LAYOUTS
+from clgrid.layouts.lists import NESTED
 from clgrid.mesh import Mesh
 from clgrid.rational import Crossing, Triangles, crossings
 from clgrid.rungs import LOSSLESS
@@ -23,6 +25,13 @@ Query = tuple[npt.NDArray[Any], npt.NDArray[Any], F64, F64]
 """Origins, directions, t_min and t_max; one row a ray, so that few variants of kernels are compiled."""
 
 RUNGS = LOSSLESS
+KINDS = [
+    (layout, skipping)
+    for layout in ALL_LAYOUTS
+    for skipping in (False, True)
+    if layout not in NESTED or not skipping
+]
+"""Every layout, without skipping and with it where it has that."""
 ALL = ("primitive_uvs", "t_err")
 
 

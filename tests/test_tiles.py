@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from agreement import RUNGS, Query
+from agreement import KINDS, RUNGS, Query
 from bundles import GRID, TILE, around_hits, assert_brute, bundles, orders, shaped, tiles_as_given, view
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -23,7 +23,6 @@ from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.grid import build
 from clgrid.hits import Hits
-from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.renderer import render
 from clgrid.tuning import Tuning, tried
@@ -71,8 +70,7 @@ def test_tiles_change_no_bit_of_any_mesh(name: str, accuracy: str, device: Devic
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-@pytest.mark.parametrize("skipping", [False, True])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(("layout", "skipping"), KINDS)
 def test_tiles_in_any_layout(layout: str, skipping: bool, accuracy: str, device: Device) -> None:
     for name, resolution in (("torus", (24, 24, 24)), ("stacks", (33, 2, 3)), ("needle_fan", (8, 8, 8))):
         options = {"resolution": resolution, "layout": layout, "skipping": skipping}
