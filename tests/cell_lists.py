@@ -7,7 +7,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from clgrid import structs
 from clgrid.grid import Grid
+from clgrid.layouts.lists import NESTED
 from clgrid.layouts.planes import ROW_CELLS
 
 DENSE_ROW = 8
@@ -15,10 +17,13 @@ Arrays = dict[str, npt.NDArray[np.unsignedinteger]]  # type: ignore[type-arg]
 
 
 def lists_of(grid: Grid, part: int = 0) -> list[list[int]]:
-    """The list of each cell of a part, after checking that the arrays are sound."""
+    """The list of each cell of a part, after checking that the arrays are sound.
+
+    A cell of a nested grid that has a subgrid lists that, with its number from ``first_subgrid`` on.
+    """
     lists = grid.parts[part].lists
     read = {"compact": compact, "hashed": hashed, "linked-list": linked, "dynamic-array": dynamic}[
-        lists.layout
+        NESTED.get(lists.layout, lists.layout)
     ]
     found = read(grid.arrays(part), lists.cell_count, 1 << int(slab_shift(grid, part)))
     assert len(found) == lists.cell_count
@@ -29,10 +34,13 @@ def lists_of(grid: Grid, part: int = 0) -> list[list[int]]:
 
 
 def slab_shift(grid: Grid, part: int) -> int:
-    from clgrid import structs
+    return int(params_of(grid, part)["slab_shift"])
 
-    params = grid._allocator.download(grid.parts[part].lists.params, structs.GRID.dtype, 1)[0]
-    return int(params["slab_shift"])
+
+def params_of(grid: Grid, part: int = 0) -> np.void:
+    """The GridParams record that kernels read."""
+    params: np.void = grid._allocator.download(grid.parts[part].lists.params, structs.GRID.dtype, 1)[0]
+    return params
 
 
 def compact(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:

@@ -40,7 +40,7 @@ from clgrid.brute import brute_force, brute_force_count
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import build
-from clgrid.layouts import LAYOUTS
+from clgrid.layouts import ALL_LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.rational import Triangles, crossings, inside, plane_t
 
@@ -255,7 +255,7 @@ def test_certain_is_who_decided(device: Device) -> None:
 
 BIT_MESHES = ("torus", "stacks", "edge_on_slivers", "soup", "far_float64", "lattice_box")
 EVERY_GRID: list[dict[str, Any]] = [
-    *({"layout": layout, "density": 4} for layout in LAYOUTS),
+    *({"layout": layout, "density": 4} for layout in ALL_LAYOUTS),
     {"skipping": True, "density": 0.5},
     {"skipping": True, "density": 60, "layout": "hashed"},
     {"resolution": (1, 200, 2)},

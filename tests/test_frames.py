@@ -19,7 +19,7 @@ from clgrid.cli import main
 from clgrid.errors import InputError
 from clgrid.frames import bench_frames, bounds_of_all, read_frames
 from clgrid.grid import Grid
-from clgrid.layouts import LAYOUTS
+from clgrid.layouts import ALL_LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import icosphere
 from clgrid.record import FramesRecord, decode, encode
@@ -119,7 +119,7 @@ def test_files_that_are_no_arrays_are_named(tmp_path, save):
 # Measuring
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", ALL_LAYOUTS)
 def test_each_frame_is_built_and_drawn_as_a_mesh_of_its_own(device, save, layout):
     frames = swelling()
     result = bench_frames("icosphere:2", save(frames), replace(SMALL, layout=layout, density=4), device)

@@ -5,11 +5,11 @@ import sys
 
 import numpy as np
 import pytest
+from agreement import KINDS
 
 from clgrid.frame import LocalFrame
 from clgrid.grid import build
 from clgrid.info import degenerate_count, explain, info, variants
-from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere
 from clgrid.program import builds
@@ -32,8 +32,7 @@ def test_without_a_device_auto_stands_for_the_density_of_the_paper():
     assert info(load_scene("icosphere:3")) == info(load_scene("icosphere:3"), 4)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("skipping", [False, True])
+@pytest.mark.parametrize(("layout", "skipping"), KINDS)
 def test_info_names_the_programs_that_are_compiled(device, layout, skipping):
     mesh = cube()
     render(mesh, None, 8, 8, AOVS, layout=layout, skipping=skipping, density=4, device=device)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from agreement import KINDS
 from scenes import scene as shared_scene
 
 from clgrid import renderer
@@ -9,7 +10,6 @@ from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.grid import build
 from clgrid.image import NO_ID, Image
-from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, make
 from clgrid.renderer import AOVS, kernel_options, render, warm_up
@@ -95,7 +95,7 @@ def test_layout_of_the_work_does_not_change_the_picture(device, monkeypatch):
     same = [aov for aov in AOVS if aov != "steps"]
     whole = bits(render(mesh, FRONT, 50, 333, same, device=device))
     options: list[dict[str, object]] = [{"density": 0.1}, {"resolution": (1, 40, 3)}]
-    options += [{"layout": layout, "skipping": skipping} for layout in LAYOUTS for skipping in (False, True)]
+    options += [{"layout": layout, "skipping": skipping} for layout, skipping in KINDS]
     for option in options:
         assert bits(render(mesh, FRONT, 50, 333, same, device=device, **option)) == whole
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from agreement import RUNGS, bits
+from agreement import KINDS, RUNGS, bits
 from meshes import MESHES, lattice_box, moved, torus
 
 from clgrid import memory, procedural, renderer, target
@@ -18,7 +18,6 @@ from clgrid.frame import LocalFrame
 from clgrid.grid import build
 from clgrid.hits import Hits
 from clgrid.image import NO_ID, Image
-from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.renderer import render
 
@@ -153,8 +152,7 @@ def test_pictures_of_any_size(name: str, smooth: bool, accuracy: str, device: De
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
-@pytest.mark.parametrize("skipping", [False, True])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(("layout", "skipping"), KINDS)
 def test_pictures_by_any_grid(layout: str, skipping: bool, accuracy: str, device: Device) -> None:
     for mesh in (lattice_box(8), MESHES["stacks"], moved(torus(), 3e5 + 1 / 3, np.float64)):
         camera = CAMERAS["a view"]

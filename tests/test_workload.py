@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from agreement import KINDS
 from meshes import MESHES
 
 import clgrid
@@ -14,7 +15,6 @@ from clgrid.camera import Camera
 from clgrid.cli import main
 from clgrid.errors import InputError
 from clgrid.hits import Hits
-from clgrid.layouts import LAYOUTS
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, terrain
 from clgrid.record import BenchRecord, WorkloadRecord, decode, encode
@@ -305,8 +305,7 @@ def test_meshes_that_strain_equal_brute_force_too(device, name):
     assert differing == 0
 
 
-@pytest.mark.parametrize("skipping", [False, True])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(("layout", "skipping"), KINDS)
 def test_every_layout_casts_the_same_rays_with_the_same_hits(device, layout, skipping):
     work = replace(SMALL, layout=layout, skipping=skipping)
     row = bench_workload("terrain:24", Workload("diffuse", seed=2), work, device)

@@ -81,8 +81,8 @@ def crowds(rng: np.random.Generator) -> dict[str, Mesh]:
     ends = np.array([[[-1.0] * 3] * 3, [[1.0] * 3] * 3])
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     in_corners = (corners[:, None] * (1 - 1e-3 * rng.random((8, 300, 3))))[:, :, None]
-    needles = rng.uniform(-1, 1, (2, 200, 1, 3)) * np.array([1.0, 0.0, -1.0])[None, None, :, None]
-    needles = needles[0] + np.array([0.31, -0.4, 0.57]) + 1e-5 * rng.normal(size=(200, 3, 3))
+    needles = rng.uniform(-1, 1, (2, 30, 1, 3)) * np.array([1.0, 0.0, -1.0])[None, None, :, None]
+    needles = needles[0] + np.array([0.31, -0.4, 0.57]) + 1e-5 * rng.normal(size=(30, 3, 3))
     return {
         "huge_and_tiny": soup(np.concatenate([huge, tiny, dust])),
         "dust_alone": soup(dust),
