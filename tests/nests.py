@@ -96,7 +96,7 @@ def assert_lists_hold_what_they_must(mesh: Mesh, grid: Grid, reach: float, wides
     leaves = np.flatnonzero(nest.child < 0)
     _, vertices = local_mesh(mesh)
     corners = vertices[mesh.faces].astype(np.float64)
-    listed = np.concatenate([np.array([], np.int64), *(_keys(corners, cell, nest) for cell in leaves)])
+    listed = np.concatenate([np.array([], np.int64), *(_keys(corners, int(cell), nest) for cell in leaves)])
     near: list[Ints] = []
     rows = max(1, _PAIRS_AT_ONCE // len(corners))
     for start in range(0, len(leaves), rows):

@@ -151,7 +151,7 @@ def test_updates_of_nested_grids_give_what_builds_give(layout: str, device: Devi
     grid, seen = build(mesh, layout, device=device), set()
     for frame in range(4):
         vertices = mesh.vertices.copy()
-        vertices[8:] = 0.1 * frame + (vertices[8:] - 0.3) * np.float32(5.0 ** (frame - 2))
+        vertices[8:] = 0.1 * frame + (vertices[8:] - 0.3) * np.float32(20.0 ** (frame - 1))
         grid.update(vertices)
         built = build(Mesh(vertices, mesh.faces), layout, device=device)
         assert digest(grid) == digest(built)
@@ -159,7 +159,7 @@ def test_updates_of_nested_grids_give_what_builds_give(layout: str, device: Devi
         rays = query(*mixed(grid.mesh, (5, 4, 6), 260, frame))
         assert_same(grid.cast(*rays), built.cast(*rays))
         seen.add(len(subgrids_of(grid)))
-    assert len(seen) > 2
+    assert len(seen) > 1
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
