@@ -25,7 +25,9 @@ def lists_of(grid: Grid, part: int = 0) -> list[list[int]]:
     read = {"compact": compact, "hashed": hashed, "linked-list": linked, "dynamic-array": dynamic}[
         NESTED.get(lists.layout, lists.layout)
     ]
-    found = read(grid.arrays(part), lists.cell_count, 1 << int(slab_shift(grid, part)))
+    # In a nested grid every row has its slots for itself.
+    options = {"dense_row": 0} if read is hashed and lists.layout in NESTED else {}
+    found = read(grid.arrays(part), lists.cell_count, 1 << int(slab_shift(grid, part)), **options)
     assert len(found) == lists.cell_count
     assert sum(map(len, found)) == lists.reference_count
     assert sum(1 for cell in found if cell) == lists.full_cells
@@ -52,7 +54,7 @@ def compact(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
     return [part.tolist() for part in np.split(references, starts[1:-1])]
 
 
-def hashed(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
+def hashed(arrays: Arrays, cells: int, slab: int, dense_row: int = DENSE_ROW) -> list[list[int]]:
     domain = np.unpackbits(arrays["domain"].view(np.uint8), bitorder="little")
     assert not domain[cells:].any()
     table, tables, references = arrays["table"].astype(np.int64), arrays["table_starts"], arrays["references"]
@@ -68,7 +70,7 @@ def hashed(arrays: Arrays, cells: int, slab: int) -> list[list[int]]:
             found.append([])
             continue
         x, row = cell % ROW_CELLS, int(arrays["domain"][cell // ROW_CELLS])
-        dense = row.bit_count() > DENSE_ROW
+        dense = row.bit_count() > dense_row
         in_row = (row & ((1 << x) - 1)).bit_count() if dense else x
         within = (int(arrays["offsets"][cell // ROW_CELLS]) + in_row) % 2**16
         slot = int(tables[cell // slab]) + within
