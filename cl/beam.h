@@ -9,6 +9,13 @@
 // (docs/numerics.md, "Tiles").
 #define BEAM_PAD 0x1p-17f
 
+// Rays from one point (pinhole.h): how much an edge function is to be beyond zero for a triangle to be left out, in
+// squares of its reach; the area, in products of reach and size; and a slope, beyond that to a corner.
+#define EDGE_SLACK (float)(64 * UNIT_ROUNDOFF)
+#define AREA_SLACK (float)(128 * UNIT_ROUNDOFF)
+#define LEAST_SLACK 0x1p-80f
+#define SLOPE_PAD 0x1p-19f
+
 // Bound i at depth D is at[i] + slope[i] * D: least u, greatest u, least v, greatest v.
 typedef struct {
     float at[4], slope[4];

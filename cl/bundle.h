@@ -9,6 +9,11 @@
 // Local t beyond which a ray is out of the grid, wherever it starts.
 #define FARTHEST_T 16.0
 
+#if !defined(RUNG_FAST) && !defined(WIDE_RAYS)
+// Bundles whose rays share their origin are told (pinhole.h).
+#define PINHOLES
+#endif
+
 typedef struct {
     Way way;
     ulong members;                // bits, by number in the tile
@@ -31,6 +36,12 @@ typedef struct {
     double shear[3][TILE_RAYS];   // in float64
 #endif
     float8 last[GROUPS];          // t beyond which no hit matters; -inf in the lanes of other rays
+#endif
+#ifdef PINHOLES
+    bool is_pinhole;
+    float origin[3];              // if it is: of all rays, along u, v and d
+    float8 slopes[4];             // of each group: least and greatest su, sv
+    float slopes_of_all[4];
 #endif
     float8 deepest;               // of each group: depth, times `side`, beyond which no hit matters
     Beams beams;                  // of the groups
@@ -64,40 +75,91 @@ uint groups_alive(Bundle *bundle, float depth)
     return bits_of(depth * bundle->way.side - BEAM_PAD <= bundle->deepest);
 }
 
-// Least and greatest of the lanes of `own`.
-float2 range_of(float8 v, int8 own)
+// Least and greatest of each group's own rays.
+void ranges_of(const Bundle *bundle, const float8 *v, float8 *least, float8 *greatest)
 {
     const float8 none = (float8)(8.0f);
-    return (float2)(least_of(own ? v : none) - BEAM_PAD, greatest_of(own ? v : -none) + BEAM_PAD);
+    float8 low[GROUPS], high[GROUPS];
+    for (uint g = 0; g < GROUPS; ++g) {
+        const int8 own = members_of(bundle, g);
+        low[g] = own ? v[g] : none;
+        high[g] = own ? -v[g] : none;
+    }
+    *least = least_of_each(low);
+    *greatest = -least_of_each(high);
 }
+
+// Least and greatest u and v of each group at a depth.
+void ranges_at(const Bundle *bundle, float depth, float8 *bounds)
+{
+    float8 u[GROUPS], v[GROUPS];
+    for (uint g = 0; g < GROUPS; ++g) {
+        const float8 ahead = depth - bundle->od[g];
+        u[g] = bundle->ou[g] + ahead * bundle->su[g];
+        v[g] = bundle->ov[g] + ahead * bundle->sv[g];
+    }
+    ranges_of(bundle, u, bounds, bounds + 1);
+    ranges_of(bundle, v, bounds + 2, bounds + 3);
+}
+
+#ifdef PINHOLES
+// Whether all rays start at one point; if so, notes it and the slopes.
+bool set_pinhole(const Tile *tile, Bundle *bundle)
+{
+    const uint first = lowest_of_64(bundle->members);
+    const float ou = tile->o[bundle->way.ku][first], ov = tile->o[bundle->way.kv][first];
+    const float od = tile->o[bundle->way.kd][first];
+    int8 apart = (int8)(0);
+    for (uint g = 0; g < GROUPS; ++g)
+        apart |= members_of(bundle, g) & ((bundle->ou[g] != ou) | (bundle->ov[g] != ov) | (bundle->od[g] != od));
+    if (any(apart))
+        return false;
+    bundle->origin[0] = ou;
+    bundle->origin[1] = ov;
+    bundle->origin[2] = od;
+    ranges_of(bundle, bundle->su, bundle->slopes, bundle->slopes + 1);
+    ranges_of(bundle, bundle->sv, bundle->slopes + 2, bundle->slopes + 3);
+    for (int i = 0; i < 4; ++i)
+        bundle->slopes_of_all[i] = i & 1 ? greatest_of(bundle->slopes[i]) : least_of(bundle->slopes[i]);
+    return true;
+}
+
+// ranges_at, by the slopes.
+void ranges_of_pinhole(const Bundle *bundle, float depth, float8 *bounds)
+{
+    const float ahead = depth - bundle->origin[2];
+    const int swap = ahead < 0.0f ? 1 : 0;
+    for (int i = 0; i < 4; ++i)
+        bounds[i] = bundle->origin[i >> 1] + ahead * bundle->slopes[i ^ swap];
+}
+#endif
 
 void set_beams(Bundle *bundle)
 {
-    float at[4][GROUPS], slope[4][GROUPS];
     const float start = bundle->way.from, end = max(bundle->way.to, start + SHORTEST_SPAN);
     const float span = end - start;
-    for (uint g = 0; g < GROUPS; ++g) {
-        const int8 own = members_of(bundle, g);
-        const float8 near = start - bundle->od[g], far = end - bundle->od[g];
-        const float2 u0 = range_of(bundle->ou[g] + near * bundle->su[g], own);
-        const float2 u1 = range_of(bundle->ou[g] + far * bundle->su[g], own);
-        const float2 v0 = range_of(bundle->ov[g] + near * bundle->sv[g], own);
-        const float2 v1 = range_of(bundle->ov[g] + far * bundle->sv[g], own);
-        const float first[4] = {u0.x, u0.y, v0.x, v0.y}, second[4] = {u1.x, u1.y, v1.x, v1.y};
-        for (int i = 0; i < 4; ++i) {
-            slope[i][g] = (second[i] - first[i]) / span;
-            at[i][g] = first[i] - slope[i][g] * start;
-        }
+    float8 first[4], second[4];
+#ifdef PINHOLES
+    if (bundle->is_pinhole) {
+        ranges_of_pinhole(bundle, start, first);
+        ranges_of_pinhole(bundle, end, second);
+    } else
+#endif
+    {
+        ranges_at(bundle, start, first);
+        ranges_at(bundle, end, second);
     }
     for (int i = 0; i < 4; ++i) {
-        const float8 bound = vload8(0, at[i]), tilt = vload8(0, slope[i]);
+        const float pad = i & 1 ? BEAM_PAD : -BEAM_PAD;
+        const float8 from = first[i] + pad, to = second[i] + pad;
+        const float8 tilt = (to - from) / span, bound = from - tilt * start;
         const float8 near = bound + tilt * start, far = bound + tilt * end;
-        const float first = i & 1 ? greatest_of(near) + BEAM_PAD : least_of(near) - BEAM_PAD;
-        const float second = i & 1 ? greatest_of(far) + BEAM_PAD : least_of(far) - BEAM_PAD;
+        const float least = (i & 1 ? greatest_of(near) : least_of(near)) + pad;
+        const float greatest = (i & 1 ? greatest_of(far) : least_of(far)) + pad;
         bundle->beams.at[i] = bound;
         bundle->beams.slope[i] = tilt;
-        bundle->way.beam.slope[i] = (second - first) / span;
-        bundle->way.beam.at[i] = first - bundle->way.beam.slope[i] * start;
+        bundle->way.beam.slope[i] = (greatest - least) / span;
+        bundle->way.beam.at[i] = least - bundle->way.beam.slope[i] * start;
     }
 }
 
@@ -178,6 +240,9 @@ bool set_bundle(const Tile *tile, ulong members, uint class, __constant const Gr
         return false;
     for (uint g = 0; g < GROUPS; ++g)
         set_deepest(bundle, g);
+#ifdef PINHOLES
+    bundle->is_pinhole = set_pinhole(tile, bundle);
+#endif
     set_beams(bundle);
     return true;
 }

@@ -23,6 +23,13 @@ typedef struct {
     float8 u, v, w;
 } Seen;
 
+void set_edges(Seen *s)
+{
+    s->u = s->cx * s->by - s->cy * s->bx;
+    s->v = s->ax * s->cy - s->ay * s->cx;
+    s->w = s->bx * s->ay - s->by * s->ax;
+}
+
 // The same float32 operations as in the test of one ray and one triangle.
 Seen see(const Bundle *bundle, uint g, const Triangle *p)
 {
@@ -38,9 +45,7 @@ Seen see(const Bundle *bundle, uint g, const Triangle *p)
     s.by = (p->bv - ov) - sv * s.bz;
     s.cx = (p->cu - ou) - su * s.cz;
     s.cy = (p->cv - ov) - sv * s.cz;
-    s.u = s.cx * s.by - s.cy * s.bx;
-    s.v = s.ax * s.cy - s.ay * s.cx;
-    s.w = s.bx * s.ay - s.by * s.ax;
+    set_edges(&s);
     return s;
 }
 
@@ -141,21 +146,30 @@ void keep_of_lanes(Tile *tile, Bundle *bundle, uint g, const Seen *s, int8 open,
 }
 #endif
 
-void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Triangle *p, uint id, MESH_PARAMETERS)
+void keep_of_group(Tile *tile, Bundle *bundle, uint g, const Seen *seen, uint id, MESH_PARAMETERS)
 {
-    const Seen seen = see(bundle, g, p);
-    const int8 open = open_lanes(bundle, g, &seen);
+    const int8 open = open_lanes(bundle, g, seen);
     if (!any(open))
         return;
-    keep_of_lanes(tile, bundle, g, &seen, open, id, MESH_ARGUMENTS);
+    keep_of_lanes(tile, bundle, g, seen, open, id, MESH_ARGUMENTS);
     set_deepest(bundle, g);
 }
+
+#ifdef PINHOLES
+#include "pinhole.h"
+#endif
 
 // 1 to 8 triangles, for the groups whose bits are set in `alive`.
 __attribute__((noinline))
 void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const Triangles *p, const uint *ids, uint count,
                     MESH_PARAMETERS)
 {
+#ifdef PINHOLES
+    if (bundle->is_pinhole) {
+        keep_of_pinhole(tile, bundle, alive, p, ids, count, MESH_ARGUMENTS);
+        return;
+    }
+#endif
     uint near = bits_of(may_meet(&bundle->way.beam, p)) & ((1u << count) - 1u);
     if (near == 0)
         return;
@@ -172,8 +186,11 @@ void keep_of_bundle(Tile *tile, Bundle *bundle, uint alive, const Triangles *p, 
     for (; near != 0; near &= near - 1) {
         const uint i = lowest_of_32(near);
         const Triangle one = {of[0][i], of[1][i], of[2][i], of[3][i], of[4][i], of[5][i], of[6][i], of[7][i], of[8][i]};
-        for (uint groups = alive & bits_of(may_be_met(&bundle->beams, &one)); groups != 0; groups &= groups - 1)
-            keep_of_group(tile, bundle, lowest_of_32(groups), &one, ids[i], MESH_ARGUMENTS);
+        for (uint groups = alive & bits_of(may_be_met(&bundle->beams, &one)); groups != 0; groups &= groups - 1) {
+            const uint g = lowest_of_32(groups);
+            const Seen seen = see(bundle, g, &one);
+            keep_of_group(tile, bundle, g, &seen, ids[i], MESH_ARGUMENTS);
+        }
     }
 }
 

@@ -19,6 +19,28 @@ float greatest_of(float8 v)
     return -least_of(-v);
 }
 
+// Halves of lanes of a and b, and quarters, that are yet to be compared: the less of each two.
+float8 less_of_halves(float8 a, float8 b)
+{
+    const float8 p = (float8)(a.lo, b.lo), q = (float8)(a.hi, b.hi);
+    return p < q ? p : q;
+}
+
+float8 less_of_quarters(float8 a, float8 b)
+{
+    const float8 p = (float8)(a.s01, b.s01, a.s45, b.s45), q = (float8)(a.s23, b.s23, a.s67, b.s67);
+    return p < q ? p : q;
+}
+
+// Lane i is the least of v[i]'s.
+float8 least_of_each(const float8 *v)
+{
+    const float8 a = less_of_quarters(less_of_halves(v[0], v[4]), less_of_halves(v[1], v[5]));
+    const float8 b = less_of_quarters(less_of_halves(v[2], v[6]), less_of_halves(v[3], v[7]));
+    const float8 p = (float8)(a.s02, b.s02, a.s46, b.s46), q = (float8)(a.s13, b.s13, a.s57, b.s57);
+    return p < q ? p : q;
+}
+
 // Bit i is lane i's.
 uint bits_of(int8 lanes)
 {
