@@ -164,17 +164,23 @@ void set_beams(Bundle *bundle)
 }
 
 #ifndef RUNG_FAST
+// 1 / t_unit of four: it is a power of two, so that a product with this is the quotient by that.
+double4 per_unit_of_4(const Tile *tile, uint k)
+{
+    return as_double4(0x7FE0000000000000ul - as_ulong4(vload4(0, tile->t_unit + k)));
+}
+
 // first_t and last_t of four.
 double4 first_of_4(const Tile *tile, uint k)
 {
     const double4 entry = vload4(0, tile->t_entry + k);
-    return vload4(0, tile->t_min + k) / vload4(0, tile->t_unit + k) - entry - (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
+    return vload4(0, tile->t_min + k) * per_unit_of_4(tile, k) - entry - (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
 }
 
 double4 last_of_4(const Tile *tile, uint k)
 {
     const double4 entry = vload4(0, tile->t_entry + k);
-    const double4 last = vload4(0, tile->t_max + k) / vload4(0, tile->t_unit + k) - entry
+    const double4 last = vload4(0, tile->t_max + k) * per_unit_of_4(tile, k) - entry
                          + (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
     return min(last, convert_double4(vload4(0, tile->t + k)));
 }

@@ -110,6 +110,10 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         tile->reach &= shown;
     }
     cast_tiles(tiles, TILES_TOGETHER, GRID_ARGUMENTS, MESH_ARGUMENTS);
+#ifndef RUNG_FAST
+    Facing facing;
+    facing.ids = (uint4)(NO_HIT);
+#endif
     for (uint number = 0; number < TILES_TOGETHER; ++number) {
         const Tile *tile = tiles + number;
         const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
@@ -140,7 +144,10 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                     to_unit(&view);
                     // Triangle 0 stands in where there is none.
                     const uint4 ids_or_0 = missed ? (uint4)(0) : found;
-                    normal = face_normals(vertices, faces, ids_or_0, &view);
+                    // Next to each other, pixels mostly show the same triangles where these are large.
+                    if (any(ids_or_0 != facing.ids))
+                        facing = facing_of(vertices, faces, ids_or_0);
+                    normal = face_normals(&facing, &view);
 #ifdef SMOOTH_NORMALS
                     const Weights weights = weights_of_4(tile, k, ids_or_0, MESH_ARGUMENTS);
                     normal = smooth_normals(vertex_normals, faces, ids_or_0, weights.u, weights.v, normal);

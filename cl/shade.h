@@ -76,18 +76,34 @@ Vectors normals_of_4(__global const float *vertex_normals, __global const uint *
                         load_normal(vertex_normals, n.z), load_normal(vertex_normals, n.w));
 }
 
-// Unit normals of the triangles on the viewer's side. The local frame keeps directions, so local vertices will do.
-// `views` are the unit directions of the rays.
-Vectors face_normals(__global const float *vertices, __global const uint *faces, uint4 ids, const Vectors *views)
+// Unit normals of four triangles, either way, but of those that have none (not `sound`). The local frame keeps
+// directions, so local vertices will do.
+typedef struct {
+    uint4 ids;
+    Vectors normals;
+    long4 sound;
+} Facing;
+
+Facing facing_of(__global const float *vertices, __global const uint *faces, uint4 ids)
 {
     const Vectors a = corners_of_4(vertices, faces, ids, 0);
     const Vectors b = corners_of_4(vertices, faces, ids, 1);
     const Vectors c = corners_of_4(vertices, faces, ids, 2);
     const Vectors e = {b.x - a.x, b.y - a.y, b.z - a.z}, f = {c.x - a.x, c.y - a.y, c.z - a.z};
-    Vectors normal = {e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z, e.x * f.y - e.y * f.x};
-    const long4 sound = to_unit(&normal);
-    normal = select_vectors(normal, minus(normal), dot_of_4(&normal, views) > 0.0);
-    return select_vectors(minus(*views), normal, sound);
+    Facing facing;
+    const Vectors normals = {e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z, e.x * f.y - e.y * f.x};
+    facing.ids = ids;
+    facing.normals = normals;
+    facing.sound = to_unit(&facing.normals);
+    return facing;
+}
+
+// The normals on the viewer's side; `views` are the unit directions of the rays.
+Vectors face_normals(const Facing *facing, const Vectors *views)
+{
+    const Vectors own = facing->normals;
+    const Vectors normal = select_vectors(own, minus(own), dot_of_4(&own, views) > 0.0);
+    return select_vectors(minus(*views), normal, facing->sound);
 }
 
 // The normals interpolated from the vertices by the weights u, v of the second and third, turned to the face's
