@@ -33,6 +33,18 @@ uint number_in_tile(uint x, uint y)
     return (y / 2 * 2 + x / 4) * LANES + y % 2 * 4 + x % 4;
 }
 
+// Bits: rays of a tile's pixels, which are those from (left, top) to before (right, bottom); it may have none.
+ulong shown_of(uint left, uint top, uint right, uint bottom)
+{
+    if (right == left + TILE && bottom == top + TILE)
+        return ~0ul;
+    ulong shown = 0;
+    for (uint y = top; y < bottom; ++y)
+        for (uint x = left; x < right; ++x)
+            shown |= 1ul << number_in_tile(x - left, y - top);
+    return shown;
+}
+
 // The rays of the pixels from (left, top) on.
 void load_camera_rays(Tile *tile, __constant const CameraParams *camera, __constant const FrameParams *frame, uint left,
                       uint top)
@@ -98,16 +110,13 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         start_tile(tile, frame, grid);
         if (!blank && left < right && top < bottom)
             load_camera_rays(tile, camera, frame, left, first_row + top);
-        ulong shown = 0;
-        for (uint y = top; y < bottom; ++y)
-            for (uint x = left; x < right; ++x) {
-                const uint k = number_in_tile(x - left, y - top);
-                shown |= 1ul << k;
+        tile->reach &= shown_of(left, top, right, bottom);
 #ifdef PARTS
-                set_hit(tile, k, bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
+        for (uint y = top; y < bottom; ++y)
+            for (uint x = left; x < right; ++x)
+                set_hit(tile, number_in_tile(x - left, y - top),
+                        bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
 #endif
-            }
-        tile->reach &= shown;
     }
     cast_tiles(tiles, TILES_TOGETHER, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #ifndef RUNG_FAST
