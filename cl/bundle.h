@@ -109,6 +109,11 @@ bool set_pinhole(const Tile *tile, Bundle *bundle)
     const uint first = lowest_of_64(bundle->members);
     const float ou = tile->o[bundle->way.ku][first], ov = tile->o[bundle->way.kv][first];
     const float od = tile->o[bundle->way.kd][first];
+    // Where they do not, the first and the last mostly tell.
+    const uint last = 63u - (uint)clz(bundle->members);
+    if (tile->o[bundle->way.ku][last] != ou || tile->o[bundle->way.kv][last] != ov
+        || tile->o[bundle->way.kd][last] != od)
+        return false;
     int8 apart = (int8)(0);
     for (uint g = 0; g < GROUPS; ++g)
         apart |= members_of(bundle, g) & ((bundle->ou[g] != ou) | (bundle->ov[g] != ov) | (bundle->od[g] != od));
