@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -14,12 +16,12 @@ from clgrid.hits import Hits
 from clgrid.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
-# Few cells: the triangles of a vertex are tested together, as many as it takes for their edges to be looked at.
+# Few cells: enough triangles are tested together for their edges to be looked at.
 GRID = {"resolution": (2, 2, 2)}
 
 
 def spokes(count: int, rng: np.random.Generator) -> Mesh:
-    """Long triangles around a vertex, each sharing edges with the next, from one side of the box to the others."""
+    """Long triangles around a vertex, each sharing edges with the next, across the box."""
     angle = np.sort(rng.uniform(0, 2 * np.pi, count))
     rim = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-1, 1, count)], axis=-1)
     rim /= np.abs(rim).max(axis=1, keepdims=True)
@@ -42,7 +44,7 @@ def room(rng: np.random.Generator) -> Mesh:
     strips = []
     for axis in range(3):
         for side in (-1.0, 1.0):
-            for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+            for low, high in itertools.pairwise(cuts):
                 flat = np.array([[low, -1], [high, -1], [high, 1], [low, 1]])
                 corners = np.insert(flat, axis, side, axis=1)
                 strips += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
@@ -87,14 +89,14 @@ def test_edges_and_vertices_seen_from_a_point(kind: str, device: Device) -> None
 
 @pytest.mark.parametrize("axis", range(3))
 def test_triangles_seen_edge_on(axis: int, device: Device) -> None:
-    """From a point in their planes, or off them by roundings: which way round their corners go is not sure."""
+    """From a point in their planes, or off them by roundings: on which side is not sure."""
     rng = np.random.default_rng([52, axis])
     mesh = room(rng)
     o, d, low, high = (side.reshape(-1, TILE, *side.shape[1:]) for side in pinholes(mesh, 300, rng))
     off = rng.choice([0.0, 2.0**-24, 2.0**-22, 2.0**-18], size=len(o))
     o[:, :, axis] = (rng.choice([-1, 1], len(o)) * (1 - off))[:, None]
     d[:, :, axis] *= rng.choice([0.0, 2.0**-24, 2.0**-20, 2.0**-10], size=(len(o), 1))
-    assert_tiles(mesh, device, tuple(side.reshape(-1, *side.shape[2:]) for side in (o, d, low, high)))
+    assert_tiles(mesh, device, (o.reshape(-1, 3), d.reshape(-1, 3), low.reshape(-1), high.reshape(-1)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -113,7 +115,7 @@ def test_common_and_nearly_common_origins(kind: str, device: Device) -> None:
         else:
             o[number, :, axis] = 0.0
             o[number, some, axis] = -0.0
-    rays = tuple(side.reshape(-1, *side.shape[2:]) for side in (o, d, low, high))
+    rays = (o.reshape(-1, 3), d.reshape(-1, 3), low.reshape(-1), high.reshape(-1))
     assert assert_tiles(mesh, device, rays).mask.mean() > 0.4
 
 
