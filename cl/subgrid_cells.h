@@ -17,7 +17,7 @@
 #endif
 // A box of fewer cells is taken whole; in longer ones, or more cells than CLIP_CELLS, triangles are clipped.
 #define FEWEST_HELD 4
-#define LONGEST_HELD 4
+#define LONGEST_HELD 8
 
 // What is asked of a subgrid again and again.
 typedef struct {
@@ -167,8 +167,11 @@ void mark_eight(const Part *part, __global const float *vertices, __global const
                      max(max(p.a.z, p.b.z), p.c.z) + pad, &z, &to_z);
     const int8 more_x = to_x - x, more_y = to_y - y, more_z = to_z - z;
     const int8 boxes = (more_x + 1) * (more_y + 1) * (more_z + 1);
-    const int8 large = (boxes > (int8)((int)CLIP_CELLS)) | (max(max(more_x, more_y), more_z) >= LONGEST_HELD);
-    const int8 held = (boxes >= FEWEST_HELD) & ~large;
+    // Along one axis alone, a triangle touches every cell of its box.
+    const int8 flat = (more_x == 0) + (more_y == 0) + (more_z == 0) < -1;
+    const int8 fits = boxes <= (int8)((int)CLIP_CELLS);
+    const int8 large = ~fits | (~flat & (max(max(more_x, more_y), more_z) >= LONGEST_HELD));
+    const int8 held = (boxes >= FEWEST_HELD) & ~large & ~flat;
     const uint8 places = as_uint8(x | y << 5 | z << 10 | more_x << 15 | more_y << 20 | more_z << 25);
     const int8 easy = (more_x | more_y | more_z) < 2;
     const int8 row = easy ? (int8)(2) : more_x + 1, layer = easy ? (int8)(4) : (more_x + 1) * (more_y + 1);

@@ -90,11 +90,17 @@ class _Lists:
 
 @dataclass(frozen=True)
 class _Run:
-    """Consecutive subgrids, and the lists of the cells that they are in."""
+    """Consecutive subgrids, the lists of the cells that they are in, and how many a work-item takes."""
 
     first: int
     end: int
     lists: _Lists
+    block: int = _BLOCK_SUBGRIDS
+
+    @property
+    def blocks(self) -> int:
+        """Work-items."""
+        return -(-(self.end - self.first) // self.block)
 
 
 class _Nest:
@@ -181,7 +187,7 @@ class _Nest:
 
     def count_run(self, run: _Run, first_counted: int, counts: Any) -> tuple[Any, npt.NDArray[np.uint64]]:
         """Count the cells of some subgrids: marks of their lists' entries, and totals by block."""
-        work, blocks = self.work, -(-(run.end - run.first) // _BLOCK_SUBGRIDS)
+        work, blocks = self.work, run.blocks
         marks, totals = self.allocator.buffer(8 * run.lists.entry_count), self.allocator.buffer(8 * blocks)
         work.run(
             "count_subgrids", blocks, work.params, work.vertices, work.faces, *self._of(run), marks,
@@ -214,7 +220,7 @@ class _Nest:
         numbers = (
             np.uint32(run.first),
             np.uint32(run.end),
-            np.uint32(_BLOCK_SUBGRIDS),
+            np.uint32(run.block),
             np.uint32(lists.first),
         )
         return self.subgrids, self.parents, *numbers, lists.begins, lists.entries
@@ -272,7 +278,8 @@ def _top_lists(work: Work) -> _Lists:
 
 def _inner_lists(nest: _Nest, owners: int, cells: int, top: _Lists) -> _Lists:
     """The lists of the cells of coarse subgrids."""
-    run, first, allocator = _Run(0, owners, top), nest.work.cells, nest.allocator
+    # Each is of very many triangles.
+    run, first, allocator = _Run(0, owners, top, block=1), nest.work.cells, nest.allocator
     begins = allocator.buffer(4 * (cells + 1))
     marks, counts = nest.count_run(run, first, begins)
     total = _total(nest.work, counts)
