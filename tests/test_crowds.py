@@ -25,7 +25,7 @@ EVEN = {"ball": icosphere(6), "terrain": terrain(160)}
 
 
 def pairs_in_a_cell(mesh: Mesh, density: float) -> float:
-    """How many triangles have their middle in the cell that a triangle's is in, by mean, itself not counted."""
+    """How many triangles share a cell with a triangle by their middles, by mean, itself not counted."""
     low, high = mesh.vertices[mesh.faces].min(axis=1), mesh.vertices[mesh.faces].max(axis=1)
     middles = 0.5 * (low.astype(np.float64) + high)
     bounds = mesh.bounds.astype(np.float64)
