@@ -260,7 +260,7 @@ uint count_entry(const Part *part, const Entry *entry, __global uint *counts)
         ulong left = bits;
         for (uint layer = box.first; left != 0; layer += box.layer)
             for (uint y = 0, row = layer; y <= box.more_y; ++y, row += box.row, left >>= across)
-                for (uint own = (uint)left & ((1u << across) - 1u); own != 0; own &= own - 1)
+                for (uint own = (uint)(left & ((1ul << across) - 1ul)); own != 0; own &= own - 1)
                     ++counts[row + lowest_of_32(own)];
         return (uint)popcount(bits);
     }
@@ -304,7 +304,7 @@ void fill_entry(const Part *part, const Entry *entry, __global uint *begins, __g
         ulong left = bits;
         for (uint layer = box.first; left != 0; layer += box.layer)
             for (uint y = 0, row = layer; y <= box.more_y; ++y, row += box.row, left >>= across)
-                for (uint own = (uint)left & ((1u << across) - 1u); own != 0; own &= own - 1)
+                for (uint own = (uint)(left & ((1ul << across) - 1ul)); own != 0; own &= own - 1)
                     references[--begins[row + lowest_of_32(own)]] = entry->id;
         return;
     }
