@@ -160,15 +160,10 @@ def count(work: Work) -> Counted:
     return counted
 
 
-def chunk_size_of(triangles: int) -> int:
-    """Triangles of a chunk: what one work-item takes."""
-    size = -(-max(_SMALLEST_CHUNK, -(-triangles // _USUAL_CHUNKS)) // _VECTOR) * _VECTOR
-    return min(size, _LARGEST_CHUNK)
-
-
 def _count(work: Work) -> tuple[Counted, int]:
     allocator = work.allocator
-    chunk_size = chunk_size_of(work.triangles)
+    chunk_size = -(-max(_SMALLEST_CHUNK, -(-work.triangles // _USUAL_CHUNKS)) // _VECTOR) * _VECTOR
+    chunk_size = min(chunk_size, _LARGEST_CHUNK)
     chunks = -(-work.triangles // chunk_size)
     shape = (np.uint32(chunk_size), np.uint32(work.slab_shift), np.uint32(work.slabs))
     ranges = allocator.buffer(8 * work.triangles)
