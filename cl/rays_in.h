@@ -7,6 +7,8 @@
 
 // Rays that a work-item casts.
 #define RAYS_PER_ITEM 64u
+// Low bits of a key by which rays are ordered that hold the ray's number (ray_keys.cl): more than a launch has rays.
+#define NUMBER_BITS 23
 
 #define RAY_PARAMETERS \
     __global const RAY_REAL *origins, __global const RAY_REAL *directions, __global const double *t_bounds

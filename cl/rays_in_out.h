@@ -3,6 +3,7 @@
 //   uvs, t_errs, certain  WITH_UVS, WITH_T_ERR, WITH_CERTAIN: what else is asked for (triangle.h)
 #ifndef CLG_RAYS_IN_OUT_H
 #define CLG_RAYS_IN_OUT_H
+#include "ask.h"
 #include "rays_in.h"
 #include "triangle.h"
 
@@ -17,10 +18,10 @@ Ray load_ray(size_t i, __constant const FrameParams *frame, RAY_PARAMETERS)
 }
 
 #ifdef CLG_TILE_H
-// Where the rays of a tile are: ORDERED: one after another in `order`; else `row` rays make a row, and a tile has 8 of
-// each of 8 rows, in groups of 4 x 2.
+// Where the rays of a tile are: ORDERED: in the order of sorted keys (ray_keys.cl); else `row` rays make a row, and
+// a tile has 8 of each of 8 rows, in groups of 4 x 2.
 #ifdef ORDERED
-#define ORDER_PARAMETERS uint ray_count, __global const uint *order
+#define ORDER_PARAMETERS uint ray_count, __global const ulong *order
 #define ORDER_ARGUMENTS ray_count, order
 #else
 #define ORDER_PARAMETERS uint ray_count, uint row
@@ -32,7 +33,7 @@ size_t ray_in_tile(size_t tile, uint k, ORDER_PARAMETERS)
 {
 #ifdef ORDERED
     const size_t i = tile * TILE_RAYS + k;
-    return i < ray_count ? order[i] : ray_count;
+    return i < ray_count ? order[i] & ((1ul << NUMBER_BITS) - 1) : ray_count;
 #else
     const uint across = (row + 7) / 8, g = k / LANES, lane = k % LANES;
     const size_t x = tile % across * 8 + g % 2 * 4 + lane % 4, y = tile / across * 8 + g / 2 * 2 + lane / 4;
@@ -44,6 +45,13 @@ size_t ray_in_tile(size_t tile, uint k, ORDER_PARAMETERS)
 uint load_tile(Tile *tile, size_t number, ORDER_PARAMETERS, __constant const FrameParams *frame, RAY_PARAMETERS)
 {
     ulong here = 0;
+#ifdef ORDERED
+    for (uint k = 0; k < TILE_RAYS; ++k) {
+        const size_t i = min(ray_in_tile(number + 1, k, ORDER_ARGUMENTS), (size_t)ray_count - 1);
+        ask_for(origins + 3 * i);
+        ask_for(directions + 3 * i);
+    }
+#endif
     for (uint k = 0; k < TILE_RAYS; k += 4) {
         double o[3][4], d[3][4], t_min[4], t_max[4];
         for (uint lane = 0; lane < 4; ++lane) {

@@ -163,9 +163,9 @@ def _launch(
     return launch
 
 
-def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> npt.NDArray[np.uint32]:
-    """The numbers of the rays, with those that run near each other brought together."""
-    keys = np.zeros(len(rays[0]), np.uint64)
+def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
+    """A key of each ray with its number in it, in an order that brings those together that run near each other."""
+    keys = np.arange(len(rays[0]), dtype=np.uint64)
 
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: Defines) -> None:
         kernel(target.device, "ray_keys.cl", "ray_keys", **defines)(
@@ -175,7 +175,8 @@ def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> 
 
     if len(keys) > RAYS_PER_ITEM:
         launch_on_host(target, launch, rays, [keys])
-    return np.argsort(keys).astype(np.uint32)
+        keys.sort()  # 3 times as fast as to sort numbers by keys
+    return keys
 
 
 def blank(count: int, fields: Sequence[str], real: type[np.floating[Any]]) -> Arrays:
