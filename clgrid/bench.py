@@ -68,8 +68,8 @@ class Work:
         """
         return (self.view or default_camera)(scene, self.width / self.height)
 
-    def build(self, scene: Scene, device: Device) -> Grid:
-        """Build the scene's grid as this work asks."""
+    def build(self, scene: Scene, device: Device, view: Camera) -> Grid:
+        """Build the scene's grid as this work asks, for pictures of a camera."""
         return build(
             scene.mesh,
             layout=self.layout,
@@ -80,6 +80,7 @@ class Work:
             max_memory=self.max_memory,
             skipping=self.skipping,
             rays=self.width * self.height,
+            view=view,
         )
 
     def warm_up(self, device: Device, aovs: Sequence[str] = (), *, smooth: bool = False) -> float:
@@ -107,10 +108,10 @@ class Measurement:
         self.stages_s: dict[str, list[float]] = {}
         self.render_s: list[float] = []
 
-    def build(self, work: Work) -> Grid:
+    def build(self, work: Work, view: Camera) -> Grid:
         """Build the grid and note the seconds of the whole and of each stage."""
         start = time.perf_counter()
-        grid = work.build(self.scene, self.device)
+        grid = work.build(self.scene, self.device, view)
         self.build_s.append(time.perf_counter() - start)
         if not grid.empty:
             for stage, seconds in {"upload": grid.upload_s, **grid.stats.build_s}.items():
@@ -181,12 +182,12 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     def draw(grid: Grid) -> Image:
         return render(scene, view, work.width, work.height, grid=grid)
 
-    grid = work.build(scene, device)
+    grid = work.build(scene, device, view)
     image = draw(grid)
     for _ in range(work.repetitions):
         # One grid at a time: the old one's memory is free before the next is built.
         del grid
-        grid = seen.build(work)
+        grid = seen.build(work, view)
         image = seen.render(lambda grid=grid: draw(grid))  # type: ignore[misc]
     return seen.row(grid, image)
 

@@ -164,7 +164,7 @@ def _launch(
 
 
 def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
-    """A key of each ray with its number in it, in an order that brings those together that run near each other."""
+    """A key of each ray, with its number in it, sorted: rays that run near each other come together."""
     keys = np.arange(len(rays[0]), dtype=np.uint64)
 
     def launch(inputs: list[Any], count: int, outputs: list[Any], defines: Defines) -> None:

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from clgrid.errors import GridTooLargeError
-from clgrid.estimate import Sample, Work, estimate_nbytes, estimates, leaping
+from clgrid.estimate import Sample, Work, estimate_nbytes, estimate_nested, estimates, leaping
 from clgrid.layouts import nested
 from clgrid.layouts.lists import NESTED
+from clgrid.outlook import Pictured
 from clgrid.resolution import by_density
 
 LADDER = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -34,8 +35,6 @@ _NESTED_OF = {flat: layout for layout, flat in NESTED.items()}
 
 # Of grids this near to the fastest, the smallest is built.
 _AS_FAST = 1.01
-# What a picture shows, where rays end, by mean, as a share of the mesh's longest side.
-_SHOWN = 0.75
 # Cells that a tile may be wide: its rays go alone through finer ones, as if it were no wider. The root of
 # WIDEST_SLICE in cl/way.h, less one.
 _WIDEST = 10.3
@@ -50,8 +49,9 @@ _CROWDED = 200.0
 # device on which a reference costs a tile what it typically does; a quarter of a picture's blocks do.
 _CROWD_S = 6e-10
 _TYPICAL_REFERENCE_S = 2.4e-9
-# Seconds that a nested grid takes to build, by those of a uniform one of a cell a triangle.
-_NESTED_BUILD = 3.0
+# Seconds that a nested grid takes to build, by those of a uniform one of a cell a triangle; measured 2.6
+# to 6.
+_NESTED_BUILD = 4.0
 
 Made = TypeVar("Made")
 
@@ -83,8 +83,8 @@ class Constants:
         """Seconds of a picture of so many rays."""
         if rays <= 0:
             return 0.0
-        width = TILE * _SHOWN * work.across / math.sqrt(rays)
-        amounts = passed_by_blocks(rays, work.steps, work.tests, width)
+        width = TILE * work.across / math.sqrt(rays)
+        amounts = passed_by_blocks(rays, work.steps, work.tests, width, work.pictured)
         return sum(seconds * amount for seconds, amount in zip(self.cast, amounts, strict=True))
 
     def crowd_s(self, crowd: float, rays: float) -> float:
@@ -111,15 +111,19 @@ def passed_by_tiles(rays: float, steps: float, tests: float, width: float) -> tu
     return rays, tiles * steps * wider, tiles * tests * wider**2
 
 
-def passed_by_blocks(rays: float, steps: float, tests: float, width: float) -> tuple[float, float, float]:
+def passed_by_blocks(
+    rays: float, steps: float, tests: float, width: float, pictured: Pictured | None = None
+) -> tuple[float, float, float]:
     """The same of a picture, where four tiles go together unless they are too wide.
 
     A block passes its cells once. A reference is brought in once, and held against the rays of each tile.
     """
-    if 2 * width > _WIDEST:
-        return passed_by_tiles(rays, steps, tests, width)
-    _, cells, references = passed_by_tiles(rays / 4, steps, tests, 2 * width)
-    return rays, cells, _HELD_BY_FOUR * references
+    blocks, held = rays / TILE**2, 1.0
+    _, cells, references = passed_by_tiles(rays, steps, tests, width)
+    if 2 * width <= _WIDEST:
+        blocks, held = blocks / 4, _HELD_BY_FOUR
+        _, cells, references = passed_by_tiles(rays / 4, steps, tests, 2 * width)
+    return rays, cells, held * (references if pictured is None else pictured.passed(blocks))
 
 
 @dataclass(frozen=True)
@@ -236,7 +240,7 @@ def candidates(
             skip,
             cells,
             leaping(work) if skip else work,
-            crowd,
+            0.0 if seen.outlook else crowd,
         )
         for layout, skip in asked.kinds
         for (density, cells, work), crowd in zip(grids, crowds, strict=True)
@@ -253,17 +257,17 @@ def _crowds(seen: Sample, resolutions: Sequence[tuple[int, int, int]]) -> list[f
 def _nested(
     seen: Sample, asked: Question, constants: dict[tuple[str, bool], Constants]
 ) -> Iterator[Candidate]:
-    """A nested grid: as a uniform one of a cell a triangle in which nothing is crowded, but for its build."""
-    resolution = by_density(seen.bounds[1] - seen.bounds[0], seen.triangles, 1.0)
-    work = estimates(seen, [resolution])[0]
+    """A nested grid."""
+    extents = seen.bounds[1] - seen.bounds[0]
+    top, even = nested.top_resolution(extents, seen.triangles), by_density(extents, seen.triangles, 1.0)
+    work = estimate_nested(seen, top, even)
     for layout, skip in asked.kinds:
         if skip:
             continue
         one = _candidate(
-            asked, constants[layout, skip], _NESTED_OF[layout], nested.DEFAULT_DENSITY, skip, resolution, work
+            asked, constants[layout, skip], _NESTED_OF[layout], nested.DEFAULT_DENSITY, skip, top, work
         )
-        top = nested.top_resolution(seen.bounds[1] - seen.bounds[0], seen.triangles)
-        yield replace(one, resolution=top, build_s=_NESTED_BUILD * one.build_s)
+        yield replace(one, build_s=_NESTED_BUILD * one.build_s)
 
 
 def _candidate(

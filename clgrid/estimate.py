@@ -14,15 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from clgrid.camera import Camera
 from clgrid.frame import LocalFrame
 from clgrid.layouts.binning import MOST_REFERENCES
 from clgrid.layouts.lists import NESTED, bricks_of
 from clgrid.layouts.planes import ROW_CELLS, padded_box
 from clgrid.mesh import Mesh
+from clgrid.outlook import Outlook, Pictured
 from clgrid.resolution import BOX_PAD
+from clgrid.scatter import Scatter
 from clgrid.sightlines import Sightlines
 
-_SAMPLE = 1 << 11
+_SAMPLE = 1 << 10
 # Of CLIP_CELLS in cl/config.h: larger boxes are entered only where the triangle is.
 _CLIP_CELLS = 32
 # Neighbouring boxes overlap less than they spill over: cells that a surface of small triangles fills, beyond
@@ -34,13 +37,22 @@ _LOAD = 0.93
 _CAPACITY = 1.4
 # Bytes a triangle of nested layouts at their own density: measured on rooms 17 to 23, and 13 to 18.
 _NESTED_BYTES = {"nested": 22.0, "nested-hashed": 18.0}
-# Of rays that are cast, so many meet the mesh's box: pictures 0.3 to 0.7, rays from surfaces all.
+# Of rays from anywhere, so many meet the mesh's box: pictures 0.3 to 0.7, rays from surfaces all.
 _ENTER = 0.7
+# What their picture shows, where they end, by mean, as a share of the mesh's longest side.
+_SHOWN = 0.75
 # A line ends within a coarse cell of ``sightlines``, and part of the lists there lies behind: on scans, 0.7
 # to 0.8 of the tests are left.
 _IN_FRONT = 0.75
-# Looks at cells on a ray that leaps over empty space, however fine the grid: measured 10 to 11 on scans.
-_LEAPING_STEPS = 10.5
+# Of nested grids, measured on rooms and scans: references a triangle; width of cells, in widths of triangles;
+# steps, of those through the top grid, and below it. Steps and tests where triangles crowd, of those in a
+# uniform grid of a cell a triangle.
+_NESTED_REFERENCES, _NESTED_WIDTH = 4.0, 3.0
+_STEPS_PER_TOP, _STEPS_BELOW = 1.5, 5.0
+_NESTED_STEPS, _NESTED_TESTS = 0.5, 0.25
+# Looks at cells of rays that leap over empty space, by mean, however fine the grid: measured 10 to 11 on
+# scans of those that meet the box.
+_LEAPING_STEPS = 7.35
 
 
 @dataclass(frozen=True)
@@ -53,7 +65,10 @@ class Sample:
         Corners of the padded boxes, by axis.
     shadows : (3, n) float64
         Areas of the projections along each axis.
-    lines : Sightlines
+    lines : Sightlines, optional
+        From anywhere, where there is no outlook.
+    outlook : Outlook, optional
+        Of the camera, where it is known.
     bounds : (2, 3) float64
         Of the whole mesh.
     triangles : int
@@ -63,7 +78,8 @@ class Sample:
     low: npt.NDArray[np.float64]
     high: npt.NDArray[np.float64]
     shadows: npt.NDArray[np.float64]
-    lines: Sightlines
+    lines: Sightlines | None
+    outlook: Outlook | None
     bounds: npt.NDArray[np.float64]
     triangles: int
 
@@ -87,7 +103,7 @@ class Sample:
         return float((lengths * (lengths - 1)).sum()) / len(cells) * self.weight
 
 
-def sample(mesh: Mesh, size: int = _SAMPLE) -> Sample:
+def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sample:
     """All triangles of a small mesh; of a large one, one at random out of each of ``size`` equal runs.
 
     The same for the same mesh. Nothing but the faces taken and their vertices is read.
@@ -98,6 +114,8 @@ def sample(mesh: Mesh, size: int = _SAMPLE) -> Sample:
         With at least one triangle.
     size : int
         Triangles to take at most.
+    view : Camera, optional
+        Whose picture the rays are; without, rays come from anywhere outside.
     """
     count = mesh.triangle_count
     taken = np.arange(count)
@@ -111,11 +129,13 @@ def sample(mesh: Mesh, size: int = _SAMPLE) -> Sample:
     twice = np.stack([e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]])
     areas = 0.5 * np.sqrt((twice * twice).sum(axis=0))
     bounds = frame.to_local(mesh.bounds).astype(np.float64)
+    scatter = Scatter.over((a, b, c), areas, float(areas.mean()) * count)
     return Sample(
         low=np.minimum(np.minimum(a, b), c) - BOX_PAD,
         high=np.maximum(np.maximum(a, b), c) + BOX_PAD,
         shadows=0.5 * np.abs(twice),
-        lines=Sightlines((a, b, c), areas, float(areas.mean()) * count, bounds),
+        lines=Sightlines(scatter, bounds) if view is None else None,
+        outlook=None if view is None else Outlook(view, frame, scatter, bounds),
         bounds=bounds,
         triangles=count,
     )
@@ -131,8 +151,10 @@ class Work:
         Full cells are those with a list.
     steps, tests, batches : float
         Of a ray alone, by mean: cells looked at, triangles tested, and batches of eight that these come in.
-    across : int
-        Cells along the longest side.
+    across : float
+        Cells along a side of what a picture shows.
+    pictured : Pictured, optional
+        The references that blocks of pixels pass, where the picture is known.
     """
 
     triangles: float
@@ -142,7 +164,8 @@ class Work:
     steps: float
     tests: float
     batches: float
-    across: int
+    across: float
+    pictured: Pictured | None = None
 
 
 def estimate(seen: Sample, resolution: tuple[int, int, int]) -> Work:
@@ -188,14 +211,38 @@ def _work(
     cells = float(math.prod(resolution))
     references = float(listed.sum()) * seen.weight
     full = min(max(cells * -math.expm1(-filled / cells), 1.0), references, cells)
+    batch = _batches_per_test(references / full)
+    if seen.outlook is not None:
+        outlook, surface = seen.outlook, _box_surface(cell)
+        # No ray looks at fewer cells than the one that it enters by.
+        steps = max(1.0, outlook.length * surface / (4 * float(cell.prod())))
+        pictured = outlook.pictured(_IN_FRONT * seen.weight * listed, math.sqrt(surface / 4))
+        tests = pictured.tests()
+        across = outlook.side * outlook.end / float(cell.max())
+        return Work(seen.triangles, cells, references, full, steps, tests, batch * tests, across, pictured)
+    assert seen.lines is not None
     # Of the cells, and of whatever they hold, a line meets the share that their surface is of the box's.
     met = _box_surface(cell) / _box_surface(seen.bounds[1] - seen.bounds[0] + 4 * BOX_PAD)
-    # No ray looks at fewer cells than the one that it enters by.
-    steps = max(1.0, cells * met * seen.lines.open)
-    tests = _IN_FRONT * references * met * seen.lines.passed(listed)
-    batches = tests * _batches_per_test(references / full)
-    steps, tests, batches = _ENTER * steps, _ENTER * tests, _ENTER * batches
-    return Work(seen.triangles, cells, references, full, steps, tests, batches, max(resolution))
+    steps = _ENTER * max(1.0, cells * met * seen.lines.open)
+    tests = _ENTER * _IN_FRONT * references * met * seen.lines.passed(listed)
+    across = _SHOWN * max(resolution)
+    return Work(seen.triangles, cells, references, full, steps, tests, batch * tests, across)
+
+
+def estimate_nested(seen: Sample, top: tuple[int, int, int], even: tuple[int, int, int]) -> Work:
+    """The work of a nested grid, by those of its top grid and of a uniform one with a cell a triangle.
+
+    Its cells are as large as the triangles in them, not as the mesh is on average.
+    """
+    coarse, work = estimates(seen, [top, even])
+    if seen.outlook is None:
+        return replace(work, steps=_NESTED_STEPS * work.steps, tests=_NESTED_TESTS * work.tests)
+    largest = 0.5 * float(((seen.bounds[1] - seen.bounds[0]) / np.array(top)).max())
+    widths = np.minimum(_NESTED_WIDTH * np.sqrt(np.sqrt((seen.shadows**2).sum(axis=0))), largest)
+    listed = np.full(len(widths), _IN_FRONT * _NESTED_REFERENCES * seen.weight)
+    pictured = seen.outlook.pictured(listed, widths)
+    steps = _STEPS_PER_TOP * coarse.steps + _STEPS_BELOW
+    return replace(work, steps=steps, tests=pictured.tests(), pictured=pictured)
 
 
 def _batches_per_test(length: float) -> float:
@@ -209,7 +256,7 @@ def _batches_per_test(length: float) -> float:
 
 def leaping(work: Work) -> Work:
     """The work of the same grid with skipping: hardly more steps, however many cells there are."""
-    steps = (work.steps**-3 + (_ENTER * _LEAPING_STEPS) ** -3) ** (-1 / 3)
+    steps = (work.steps**-3 + _LEAPING_STEPS**-3) ** (-1 / 3)
     return replace(work, steps=steps)
 
 

@@ -162,7 +162,7 @@ def bench_frames(
     else:
         aspect = work.width / work.height
         view = Camera.framing(bounds_of_all(frames, mesh), up_axis(loaded), aspect=aspect)
-    grid = work.build(Scene(loaded.name, mesh), device)
+    grid = work.build(Scene(loaded.name, mesh), device, view)
     FrameTally(0).play(grid, pose, view, work)
     tallies = [FrameTally(k) for k in range(len(frames))]
     rows: list[FrameRow] = []

@@ -9,6 +9,7 @@ from typing import Any
 import numpy.typing as npt
 
 from clgrid import cost, layouts, selftest
+from clgrid.camera import Camera
 from clgrid.cast import GridPart
 from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
@@ -235,6 +236,7 @@ def build(
     max_memory: int | None = None,
     skipping: bool | str = False,
     rays: int = cost.DEFAULT_RAYS,
+    view: Camera | None = None,
 ) -> Grid:
     """Build a grid over a mesh.
 
@@ -263,6 +265,9 @@ def build(
         Keep a byte for every 4 x 4 x 4 cells, by which rays leap over empty space; changes no answer.
     rays : int
         How many are expected: many are worth a finer grid.
+    view : Camera, optional
+        Whose picture the rays are: from within a scene they take more tests than from outside, which they are
+        taken for without.
 
     Raises
     ------
@@ -274,7 +279,7 @@ def build(
     DeviceError
         If there is no usable device, or it fails the self-test of the accuracy.
     """
-    asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays)
+    asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays, view)
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count:
         tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
@@ -300,13 +305,14 @@ def predict(
     max_memory: int | None = None,
     skipping: bool | str = False,
     rays: int = cost.DEFAULT_RAYS,
+    view: Camera | None = None,
 ) -> dict[str, int]:
     """Bytes by array of the grid that ``build`` would make, exactly, without keeping any of it.
 
     Parameters, errors
         As of ``build``. The mesh must fit in one part on the device.
     """
-    return predict_choice(mesh, layout, density, resolution, device, max_memory, skipping, rays)[0]
+    return predict_choice(mesh, layout, density, resolution, device, max_memory, skipping, rays, view)[0]
 
 
 def predict_choice(
@@ -318,9 +324,10 @@ def predict_choice(
     max_memory: int | None = None,
     skipping: bool | str = False,
     rays: int = cost.DEFAULT_RAYS,
+    view: Camera | None = None,
 ) -> tuple[dict[str, int], cost.Choice | None]:
     """``predict``, with what ``Grid.choice`` would be."""
-    asked = Options(layout, density, resolution, "robust", max_memory, skipping, rays)
+    asked = Options(layout, density, resolution, "robust", max_memory, skipping, rays, view)
     chosen = device if isinstance(device, Device) else choose(device)
 
     def attempt(recipe: Recipe) -> dict[str, int]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid import calibrate, cost
+from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.estimate import sample
@@ -77,6 +78,7 @@ class Options:
     max_memory: int | None
     skipping: bool | str
     rays: int
+    view: Camera | None = None
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -126,7 +128,7 @@ class Options:
             As ``cost.candidates``.
         """
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
-        return cost.candidates(sample(mesh), self._question(device), constants)
+        return cost.candidates(sample(mesh, view=self.view), self._question(device), constants)
 
     def _settled(self) -> Recipe:
         """The recipe where nothing is left to choose, or nothing depends on it."""

@@ -72,7 +72,7 @@ def render(
         Called with the share of rows done, from 0 to 1.
     **build_options
         As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping; ``rays``
-        is the number of pixels.
+        is the number of pixels, ``view`` the camera.
 
     Returns
     -------
@@ -89,13 +89,13 @@ def render(
     """
     mesh = scene.mesh if isinstance(scene, Scene) else scene
     _check(width, height, aovs, background)
+    view = camera or default_camera(scene, width / height)
     if grid is None:
-        grid = build(mesh, **{"rays": width * height, **build_options})
+        grid = build(mesh, **{"rays": width * height, "view": view, **build_options})
     elif grid.mesh is not mesh or build_options:
         raise InputError("render: the grid is of another mesh or has build options beside it; give one")
     if "t_err" in aovs and grid.accuracy == "fast":
         raise InputError("render: the AOV t_err is of the strict rungs, not of fast; choose one of those")
-    view = camera or default_camera(scene, width / height)
     start = time.perf_counter()
     # Several parts each leave the pixels of the parts before, where those are nearer.
     image = _blank(width, height, aovs, background, filled=grid.empty or len(grid.standing) > 1)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from clgrid.scatter import Scatter
+
 FloatArray = npt.NDArray[np.float64]
 
 _CELLS_ALONG = 16
-_POINTS = 1 << 11
-_LINES = 192
+_LINES = 96
 _STEPS = 24
 # No box is flatter than this, so that lines cross it.
 _FLATTEST = 1e-3
@@ -24,11 +25,8 @@ class Sightlines:
 
     Parameters
     ----------
-    corners : 3 arrays of (3, n) float64
-        Of the triangles, by axis.
-    areas : (n,) float64
-    area : float
-        Of the whole mesh.
+    scatter : Scatter
+        Over it.
     bounds : (2, 3) float64
         Of the whole mesh.
 
@@ -40,9 +38,7 @@ class Sightlines:
 
     def __init__(
         self,
-        corners: tuple[FloatArray, FloatArray, FloatArray],
-        areas: FloatArray,
-        area: float,
+        scatter: Scatter,
         bounds: FloatArray,
     ) -> None:
         rng = np.random.default_rng(0)
@@ -51,13 +47,9 @@ class Sightlines:
         self._origin, self._cell = bounds[0], longest / _CELLS_ALONG
         size = np.maximum(size, _FLATTEST * longest)
         self._shape = np.maximum(1, np.ceil(size / self._cell)).astype(np.int64)
-        points, of = _points_on(corners, areas, rng)
-        owners = np.concatenate([of, np.arange(len(areas))])
-        self._shares = 1 / np.bincount(owners, minlength=len(areas))[owners]
-        self._owners = owners
-        self._places = self._numbers(np.concatenate([points, sum(corners) / 3], axis=1))
-        surface = np.bincount(self._places[: len(of)], minlength=int(self._shape.prod()))
-        per_volume = surface * (area / max(1, len(of)) / self._cell**3)
+        self._scatter = scatter
+        self._places = self._numbers(scatter.places)
+        per_volume = np.bincount(self._places, scatter.surface, int(self._shape.prod())) / self._cell**3
         cells, lengths = self._walk(size, rng)
         met = np.cumsum(0.5 * per_volume[cells] * lengths, axis=1)
         before = np.concatenate([np.zeros((len(met), 1)), met[:, :-1]], axis=1)
@@ -77,8 +69,7 @@ class Sightlines:
         amounts : (n,) float64
             Of each triangle.
         """
-        weights = amounts[self._owners] * self._shares
-        held = np.bincount(self._places, weights, minlength=len(self._seen))
+        held = np.bincount(self._places, self._scatter.spread(amounts), len(self._seen))
         whole = float(held @ self._length)
         return float(held @ self._seen) / whole if whole > 0 else 1.0
 
@@ -101,21 +92,6 @@ class Sightlines:
         times = (np.arange(_STEPS) + 0.5) / _STEPS
         places = self._origin[:, None, None] + start[:, :, None] + along[:, :, None] * times
         return self._numbers(places), lengths
-
-
-def _points_on(
-    corners: tuple[FloatArray, FloatArray, FloatArray], areas: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """(3, k) points evenly all over the triangles, and the triangle of each; none on a mesh without area."""
-    ends = np.cumsum(areas)
-    if not ends[-1] > 0:
-        return np.zeros((3, 0)), np.zeros(0, np.int64)
-    at = (np.arange(_POINTS) + rng.random(_POINTS)) / _POINTS * ends[-1]
-    of = np.minimum(np.searchsorted(ends, at), len(areas) - 1)
-    u, v = rng.random((2, _POINTS))
-    u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
-    a, b, c = (corner[:, of] for corner in corners)
-    return a + u * (b - a) + v * (c - a), of
 
 
 def _points_around(size: FloatArray, rng: np.random.Generator) -> FloatArray:

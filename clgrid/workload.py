@@ -184,7 +184,7 @@ def bench_workload(name: str, workload: Workload, work: Work, device: Device) ->
     """
     scene = load_scene(name)
     view = work.camera(scene)
-    survey = Survey(work.build(scene, device), workload, work.repetitions)
+    survey = Survey(work.build(scene, device, view), workload, work.repetitions)
     for batch in batches(scene.mesh, view, work.width, work.height, workload, survey.look):
         survey.measure(batch)
     return survey.row(scene, view, work, workload)

@@ -142,6 +142,7 @@ class Clgrid(Peer):
             device=self.device,
             skipping="auto" if options.skipping == "auto" else options.skipping == "on",
             rays=self.shot.size**2,
+            view=self.shot.view.camera(),
         )
 
     def drop(self) -> None:

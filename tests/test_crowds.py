@@ -39,7 +39,7 @@ def pairs_in_a_cell(mesh: Mesh, density: float) -> float:
 @pytest.mark.parametrize("name", [*EVEN, "crowd"])
 def test_a_sample_tells_how_many_share_a_cell(name: str, density: float) -> None:
     mesh = {**EVEN, "crowd": CROWDED}[name]
-    seen = sample(mesh)
+    seen = sample(mesh, 1 << 11)
     found = seen.crowd(by_density(seen.bounds[1] - seen.bounds[0], mesh.triangle_count, density))
     # A hundred pairs of the sample or more share a cell: four times what their number varies by, at most.
     assert found == pytest.approx(pairs_in_a_cell(mesh, density), rel=0.4, abs=5)

@@ -297,8 +297,9 @@ def test_a_row_adds_up_and_equals_brute_force(device, name):
 @pytest.mark.parametrize("name", ["needle_fan", "far_float64", "times_1e-30", "flat", "one"])
 def test_meshes_that_strain_equal_brute_force_too(device, name):
     scene = Scene(name, MESHES[name])
-    survey = Survey(SMALL.build(scene, device), Workload("diffuse"), 1)
-    for batch in batches(scene.mesh, view_of(scene.mesh), 24, 16, Workload("diffuse"), survey.look):
+    view = view_of(scene.mesh)
+    survey = Survey(SMALL.build(scene, device, view), Workload("diffuse"), 1)
+    for batch in batches(scene.mesh, view, 24, 16, Workload("diffuse"), survey.look):
         survey.measure(batch)
     checked, differing = survey.compare()
     assert checked == sum(kind.rays for kind in survey.kinds.values()) > 0

@@ -104,7 +104,7 @@ def render(
             smooth = loaded.mesh.vertex_normals is not None
             seen.first_compile_s.append(work.warm_up(chosen, aovs, smooth=smooth))
         _say(show, "build")
-        grid = seen.build(work)
+        grid = seen.build(work, view)
         image = seen.render(
             lambda: draw(
                 loaded,
