@@ -14,6 +14,7 @@ from clgrid import cost
 from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.estimate import estimate, estimate_nested, sample
+from clgrid.frame import LocalFrame
 from clgrid.grid import build
 from clgrid.layouts.nested import top_resolution
 from clgrid.mesh import Mesh
@@ -101,11 +102,12 @@ def test_what_is_behind_a_wall_is_seen_less() -> None:
     )
     outlook = sample(both, view=Camera.look_at((0, 0, 4), (0, 0, 0))).outlook
     assert outlook is not None
-    near, far = (np.isclose(outlook.distances, z / 2, rtol=1e-3) for z in (3, 4))
+    scale = 2.0 ** -LocalFrame.of_bounds(both.bounds).exponent
+    near, far = (np.isclose(outlook.distances, scale * z, rtol=1e-3) for z in (3, 4))
     assert near.sum() > 10
     assert far.sum() > 10
     assert outlook.visible[far].mean() < 0.7 * outlook.visible[near].mean()
-    assert 3 / 2 <= outlook.end <= 4 / 2
+    assert 3 <= outlook.end / scale <= 4
 
 
 @pytest.mark.parametrize(
@@ -139,8 +141,8 @@ def test_a_nested_grid_is_chosen_for_who_stands_beside_the_crowd() -> None:
 def test_a_picture_is_drawn_with_the_grid_for_its_camera(device: Device) -> None:
     layouts = set()
     for view in (BESIDE, FAR):
-        grid = build(CROWDED, layout="auto", device=device, rays=32 * 32, view=view)
-        drawn = render(CROWDED, view, 32, 32, layout="auto", device=device)
+        grid = build(CROWDED, layout="auto", device=device, rays=256 * 256, view=view)
+        drawn = render(CROWDED, view, 256, 256, layout="auto", device=device)
         assert drawn.metadata["clgrid:layout"] == grid.layout
         assert drawn.metadata["clgrid:grid_bytes"] == grid.nbytes
         layouts.add(grid.layout)
