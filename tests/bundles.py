@@ -34,7 +34,7 @@ def tiles_as_given(patch: pytest.MonkeyPatch, row: int = 0) -> Iterator[None]:
     """Each 64 rays in turn are a tile; or 8 x 8 of rows of ``row``: whatever the rays are like."""
     with patch.context() as inner:
         inner.setattr(cast, "division_of", lambda rays: Division(row))
-        inner.setattr(cast, "_order", lambda target, part, rays: np.arange(len(rays[0]), dtype=np.uint32))
+        inner.setattr(cast, "_order", lambda target, part, rays: np.arange(len(rays[0]), dtype=np.uint64))
         yield
 
 
