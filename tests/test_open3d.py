@@ -21,7 +21,7 @@ from clgrid.device import Device
 from clgrid.errors import ClgridError, InputError, MeshError, UnsupportedError
 from clgrid.mesh import Mesh
 from clgrid.open3d import RaycastingScene
-from clgrid.rational import Triangles
+from clgrid.rational import Triangles, crossings
 
 INVALID = 4294967295
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], np.float32), np.array([[0, 1, 2]], np.uint32)
@@ -72,7 +72,7 @@ def some_rays(count: int, seed: int, dtype: Any = np.float32) -> Rays:
     origins = rng.uniform(-3, 3, (count, 3))
     targets = rng.uniform(-1.5, 1.5, (count, 3))
     targets[::2] = np.round(targets[::2] * 2) / 2 + [0.0, 0.25, 0.125]
-    origins[::4] = targets[::4] + [0, 0, 4]
+    origins[::4] = targets[::4] + np.array([0.0, 0.0, 4.0])
     return np.concatenate([origins, targets - origins], axis=-1).astype(dtype)
 
 
@@ -129,8 +129,9 @@ def test_counts_lists_and_occlusion_are_of_the_same_hits(device: Device) -> None
         pairs = zip(
             listed["geometry_ids"][part].tolist(), listed["primitive_ids"][part].tolist(), strict=True
         )
-        truth = {hit.triangle for hit in reference.hits(rays[ray, :3], rays[ray, 3:])}
-        assert {whole[pair] for pair in pairs} == truth
+        crossed = [each for each in crossings(reference, rays[ray, :3], rays[ray, 3:]) if each.t >= 0]
+        assert [whole[pair] for pair in pairs] == [each.id for each in crossed]
+        np.testing.assert_array_equal(listed["t_hit"][part], np.float32([float(each.t) for each in crossed]))
 
 
 def test_occlusion_between_tnear_and_tfar(device: Device) -> None:
@@ -268,7 +269,7 @@ def test_a_mesh_of_many_geometries_is_one(device: Device) -> None:
 
 def test_doubles_are_kept(device: Device) -> None:
     """A triangle and a ray that float32 would not tell apart from a miss."""
-    near = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-12, 0]]) + [1, 1, 0]
+    near = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-12, 0]]) + np.array([1, 1, 0])
     scene = a_scene(device, [TRIANGLE, (near, [[0, 1, 2]])])
     found = scene.cast_rays([[1.125, 1 + 5e-13, 1, 0, 0, -1], [1.125, 1 + 2e-12, 1, 0, 0, -1]])
     assert found["geometry_ids"].tolist() == [1, INVALID]
@@ -393,7 +394,7 @@ BAD_PINHOLES = [
     ((np.eye(3), np.eye(3), 4, 4), r"extrinsic_matrix has shape \(3, 3\)"),
     ((np.zeros((3, 3)), np.eye(4), 4, 4), "intrinsic_matrix has no inverse"),
     ((np.eye(3), np.zeros((4, 4)), 4, 4), "extrinsic_matrix has no inverse"),
-    ((np.eye(3), np.eye(4) * np.inf, 4, 4), "extrinsic_matrix .* finite"),
+    ((np.eye(3), np.full((4, 4), np.inf), 4, 4), "extrinsic_matrix .* finite"),
     ((np.eye(3), np.eye(4), 0, 4), "width_px is 0"),
     ((np.eye(3), np.eye(4), 4, 2.5), "height_px is 2.5"),
     ((60, [0, 0, 0], [0, 0, 1], [0, 1, 0], 4, -1), "height_px is -1"),
