@@ -7,7 +7,8 @@ arguments, keys, dtypes and INVALID_ID are Open3D's; what differs:
   points and vertices may be float64, and are then not rounded; triangles may be of any integer dtype.
 - On the rung ``exact``, the default, hits are those of rational arithmetic, then rounded to float32. Of
   triangles hit at the same t, the one added first is named. A ray through an edge or a vertex of a closed
-  mesh crosses it once; through the rim of an open one, as the same ray moved by an infinitesimal does.
+  mesh crosses it once. One that touches it there, or passes through the rim of an open mesh, is answered as
+  the same ray moved by an infinitesimal; of Open3D's rays, most of those hit.
 - Hits of ``list_intersections`` ascend by t within a ray, and triangles that coincide are listed and counted
   one by one. Open3D lists hits as it comes upon them, and of those of a geometry that follow each other with
   the same t only the first.
