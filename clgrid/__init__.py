@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         ImageError,
         InputError,
         MeshError,
+        UnsupportedError,
     )
     from clgrid.grid import Grid, build, predict
     from clgrid.hits import AllHits, Hits
@@ -46,6 +47,7 @@ __all__ = [
     "Mesh",
     "MeshError",
     "Scene",
+    "UnsupportedError",
     "__version__",
     "brute_force",
     "build",
@@ -84,6 +86,7 @@ _HOMES = {
             "ImageError",
             "InputError",
             "MeshError",
+            "UnsupportedError",
         )
     },
 }

@@ -1,7 +1,8 @@
-"""A pinhole camera: where it stands, what it frames, the rays it casts.
+"""A camera: where it stands, what it frames, the rays it casts.
 
 A ray's direction has unit component along the view axis, so the ``t`` of a hit is its planar
-depth. Rays are made with ``+ - *`` alone, in float64: cl/camera.h makes the same bits on a device.
+depth. Rays are made with ``+ - *`` alone, in float64: cl/camera.h makes the same bits of perspective
+ones on a device.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ _AZIMUTH, _ELEVATION, _MARGIN = math.radians(35.0), math.radians(24.0), 0.04
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective camera.
+    """A perspective or orthographic camera; pictures are drawn by perspective ones only.
 
     Attributes
     ----------
     eye : (3,) float64
-        Where all rays start, in scene units.
+        Where all rays start, in scene units; of an orthographic camera, the middle of where they do.
     right, up, forward : (3,) float64
         Orthonormal axes of the picture; ``right`` is kept apart so that mirrored cameras exist.
     fov : float
@@ -42,6 +43,8 @@ class Camera:
         The side of the picture that ``fov`` spans: height, width or the shorter one.
     name : str
         Name in the file the camera came from.
+    orthographic_height : float or None
+        Height of the picture in scene units, of an orthographic camera; ``fov`` is then without meaning.
     """
 
     eye: Vector
@@ -51,8 +54,11 @@ class Camera:
     fov: float = DEFAULT_FOV
     fov_axis: FovAxis = "y"
     name: str = ""
+    orthographic_height: float | None = None
 
     def __post_init__(self) -> None:
+        if self.orthographic_height is not None and not 0.0 < self.orthographic_height < math.inf:
+            raise InputError(f"camera: orthographic height {self.orthographic_height:g}; give one above 0")
         if not 0.0 < self.fov < 180.0:
             raise InputError(f"camera: field of view {self.fov:g} degrees; give one between 0 and 180")
         if not np.isfinite([self.eye, self.right, self.up, self.forward]).all():
@@ -64,6 +70,7 @@ class Camera:
         target: npt.ArrayLike,
         up: npt.ArrayLike = (0.0, 1.0, 0.0),
         fov: float = DEFAULT_FOV,
+        orthographic_height: float | None = None,
     ) -> Camera:
         """Camera at ``eye`` with ``target`` in the middle of the picture.
 
@@ -73,11 +80,14 @@ class Camera:
             Positions in scene units; ``up`` is a direction of any length.
         fov : float
             Vertical field of view in degrees.
+        orthographic_height : float, optional
+            Height of the picture in scene units, for parallel rays.
 
         Raises
         ------
         InputError
-            If a vector is not finite, or eye and target coincide, or ``up`` is the view axis.
+            If ``fov`` or the height is out of range, a vector is not finite, eye and target coincide, or
+            ``up`` is the view axis.
         """
         start = _vector(eye, "eye")
         forward = _unit(_vector(target, "look-at") - start)
@@ -86,7 +96,8 @@ class Camera:
         right = _unit(_cross(forward, _vector(up, "up")))
         if right is None:
             raise InputError("camera: up is zero or along the view axis; give another --up")
-        return Camera(start, right, _cross(right, forward), forward, fov)
+        upward = _cross(right, forward)
+        return Camera(start, right, upward, forward, fov, orthographic_height=orthographic_height)
 
     @staticmethod
     def framing(
@@ -159,7 +170,7 @@ class Camera:
         return Camera(matrix[:3, 3].copy(), right * x, y, forward * z, fov, fov_axis, name)
 
     def steps(self, width: int, height: int) -> tuple[Vector, Vector]:
-        """Change of direction from a pixel to its right and to its lower neighbour.
+        """Change of direction, or of origin, from a pixel to its right and to its lower neighbour.
 
         Parameters
         ----------
@@ -169,8 +180,11 @@ class Camera:
         Returns
         -------
         step_x, step_y : (3,) float64
-            Scene units at depth 1 along the view axis.
+            Scene units at depth 1 along the view axis, or at any depth of an orthographic picture.
         """
+        if self.orthographic_height is not None:
+            pixel = self.orthographic_height / height
+            return self.right * pixel, self.up * -pixel
         side = {"y": height, "x": width, "smaller": min(width, height)}[self.fov_axis]
         pixel = 2.0 * math.tan(math.radians(self.fov) / 2) / side
         return self.right * pixel, self.up * -pixel
@@ -187,16 +201,29 @@ class Camera:
         -------
         origins, directions : (height, width, 3) float64
             ``directions`` have unit component along ``forward``: ``t`` is planar depth in scene
-            units. ``origins`` is a read-only view of the eye.
+            units. What all rays share, origins or directions, is a read-only view of one.
         """
         step_x, step_y = self.steps(width, height)
         x = (np.arange(width, dtype=np.float64) + 0.5 - 0.5 * width)[None, :, None]
         y = (np.arange(height, dtype=np.float64) + 0.5 - 0.5 * height)[:, None, None]
+        if self.orthographic_height is not None:
+            origins = (self.eye + x * step_x) + y * step_y
+            return origins, np.broadcast_to(self.forward, origins.shape)
         directions = (self.forward + x * step_x) + y * step_y
         return np.broadcast_to(self.eye, directions.shape), directions
 
     def params(self, width: int, height: int) -> npt.NDArray[np.void]:
-        """Return the struct that kernels read, for a picture of this size."""
+        """Return the struct that kernels read, for a picture of this size.
+
+        Raises
+        ------
+        InputError
+            If the camera is orthographic: kernels make rays from one point.
+        """
+        if self.orthographic_height is not None:
+            raise InputError(
+                "camera: is orthographic, pictures are drawn in perspective; cast camera.rays(width, height)"
+            )
         step_x, step_y = self.steps(width, height)
         return structs.CAMERA.pack(
             eye=self.eye, forward=self.forward, step_x=step_x, step_y=step_y, width=width, height=height

@@ -23,6 +23,10 @@ class InputError(ClgridError, ValueError):
     """An argument of the wrong shape, type or range."""
 
 
+class UnsupportedError(ClgridError, NotImplementedError):
+    """A method of another library's interface that clgrid does not have; says what does."""
+
+
 class GridTooLargeError(ClgridError):
     """A grid that would not fit in the device, in 32-bit indices or in ``max_memory``."""
 

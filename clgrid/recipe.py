@@ -128,7 +128,10 @@ class Options:
             As ``cost.candidates``.
         """
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
-        return cost.candidates(sample(mesh, view=self.view), self._question(device), constants)
+        # Parallel rays are taken for rays from outside, as without a view.
+        perspective = self.view is not None and self.view.orthographic_height is None
+        seen = sample(mesh, view=self.view if perspective else None)
+        return cost.candidates(seen, self._question(device), constants)
 
     def _settled(self) -> Recipe:
         """The recipe where nothing is left to choose, or nothing depends on it."""

@@ -82,14 +82,15 @@ def render(
     Raises
     ------
     InputError
-        If a size, an AOV name or the background is out of range, the grid is of another mesh, or its rung
-        knows no error of t.
+        If a size, an AOV name or the background is out of range, the camera is orthographic, the grid is of
+        another mesh, or its rung knows no error of t.
     GridTooLargeError, DeviceError
         As ``clgrid.build``.
     """
     mesh = scene.mesh if isinstance(scene, Scene) else scene
     _check(width, height, aovs, background)
     view = camera or default_camera(scene, width / height)
+    view.params(width, height)  # refuses an orthographic one before there is a grid
     if grid is None:
         grid = build(mesh, **{"rays": width * height, "view": view, **build_options})
     elif grid.mesh is not mesh or build_options:

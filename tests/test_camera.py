@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clgrid import structs
+from clgrid import procedural, structs
 from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import InputError
+from clgrid.grid import build
 from clgrid.program import include_folder, source_folder
+from clgrid.renderer import render
 
 RAYS = """
 #include "camera.h"
@@ -172,3 +174,41 @@ def test_fov_spans_the_side_it_is_given_for(axis, size, half_width):
 def test_impossible_cameras_are_refused_by_name(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_orthographic_rays_are_parallel_through_pixel_centres() -> None:
+    camera = Camera.look_at((1, 2, 5), (1, 2, 0), orthographic_height=4)
+    origins, directions = camera.rays(6, 2)
+    assert origins.shape == directions.shape == (2, 6, 3)
+    assert (directions == [0, 0, -1]).all()
+    np.testing.assert_array_equal(origins[..., 0], np.tile(1 + 2.0 * np.arange(-2.5, 3), (2, 1)))
+    np.testing.assert_array_equal(origins[..., 1], np.tile([[3.0], [1.0]], (1, 6)))
+    np.testing.assert_array_equal(origins[..., 2], 5)
+
+
+def test_orthographic_rays_keep_their_axes() -> None:
+    camera = Camera.look_at((1, -2, 3), (0.5, 0, 0), (0, 0, 1), orthographic_height=3)
+    origins, directions = camera.rays(8, 6)
+    away = (origins - camera.eye) @ np.stack([camera.right, camera.up, camera.forward], 1)
+    x, y = (np.arange(8) - 3.5) / 2, (2.5 - np.arange(6)) / 2
+    np.testing.assert_allclose(away[..., 0], np.tile(x, (6, 1)), atol=1e-15)
+    np.testing.assert_allclose(away[..., 1], np.tile(y[:, None], (1, 8)), atol=1e-15)
+    np.testing.assert_allclose(away[..., 2], 0, atol=1e-15)
+    assert (directions == camera.forward).all()
+
+
+def test_an_orthographic_depth_is_the_distance_to_the_plane(device: Device) -> None:
+    ball, camera = procedural.icosphere(3), Camera.look_at((0, 0, 5), (0, 0, 0), orthographic_height=3)
+    hits = build(ball, device=device, view=camera).cast(*camera.rays(31, 31))
+    assert abs(hits.t_hit[15, 15] - 4) < 0.01
+    radii = np.linalg.norm(hits.origins[..., :2], axis=-1)
+    assert hits.mask[radii < 0.98].all()
+    assert not hits.mask[radii > 1].any()
+    with pytest.raises(InputError, match=r"orthographic.*cast camera\.rays"):
+        render(ball, camera, 8, 8, device=device)
+
+
+@pytest.mark.parametrize("height", [0.0, -1.0, math.inf, math.nan])
+def test_an_orthographic_height_is_above_zero(height: float) -> None:
+    with pytest.raises(InputError, match="orthographic height"):
+        Camera.look_at((0, 0, 5), (0, 0, 0), orthographic_height=height)
