@@ -41,6 +41,7 @@ def twisted(phase: float) -> np.ndarray:
 
 grid = clgrid.build(mesh, rays=side * side)
 strip, seconds = [], []
+shown = [max(1, arguments.count // 12) * k for k in range(4)]
 for frame in range(arguments.count):
     vertices = twisted(frame / arguments.count).astype(np.float32)
     start = time.perf_counter()
@@ -49,7 +50,7 @@ for frame in range(arguments.count):
     image = clgrid.render(grid.mesh, camera, side, side, grid=grid)
     if arguments.frames:
         image.save(arguments.frames / f"{frame:04d}.png")
-    if frame in [k * arguments.count // 12 for k in range(4)]:
+    if frame in shown:
         strip.append(image.rgba[..., :3])
 
 common.save(arguments.output, np.concatenate(strip, axis=1))
