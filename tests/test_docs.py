@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer.main
 
 import clgrid
-from clgrid.cli import main
+from clgrid.cli import app, main
 from clgrid.device import Device
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,6 +89,20 @@ def test_code_runs_and_prints_what_is_shown(page, device: Device, tmp_path, monk
 def test_no_block_is_left_out(page):
     """A block of another language, or of none, would not be run."""
     assert {block.language for block in blocks_of(page)} <= set(LANGUAGES), page
+
+
+def commands_of(page: Path) -> list[str]:
+    """Indented command lines: they name files of the reader's."""
+    return re.findall(r"^    (clgrid [a-z].*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if commands_of(p)], ids=lambda p: p.stem)
+def test_command_lines_are_understood(page):
+    """Verbs, options and their values; what they would do to the files is not tried."""
+    verbs = typer.main.get_command(app).commands
+    for line in commands_of(page):
+        words = shlex.split(line.split(">")[0], comments=True)
+        verbs[words[1]].make_context(words[1], words[2:])
 
 
 def test_the_guide_has_a_page_for_each_task():
