@@ -53,7 +53,7 @@ class Device:
 
     @property
     def label(self) -> str:
-        """Short name, a valid selector: ``intel``, ``pocl-3.0``."""
+        """Short name and valid selector, such as ``intel`` or ``pocl-3.0``."""
         return self.description.label
 
     @property
