@@ -56,6 +56,7 @@ def assert_lossless(
     return expected
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize(
     ("density", "grids"),
@@ -167,6 +168,7 @@ def inside_rays(mesh: Mesh, count: int, seed: int) -> Rays:
     return origins[: len(directions)], directions
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_escapes(name: str, device: Device) -> None:
     rays = inside_rays(MESHES[name], 12000, 7)
@@ -373,6 +375,7 @@ REAL = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REAL)
 def test_the_grid_changes_no_answer_on_real_meshes(name: str, device: Device) -> None:
     mesh = clgrid.load(scene(name))
@@ -380,6 +383,7 @@ def test_the_grid_changes_no_answer_on_real_meshes(name: str, device: Device) ->
     assert hits.mask.mean() > 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_200_000_rays_on_real_meshes(name: str, device: Device) -> None:

@@ -81,6 +81,7 @@ def mesh_of(name: str) -> Mesh:
     return load_scene(str(path)).mesh
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("density", [0.5, 4, 16])
 @pytest.mark.parametrize(
     "mesh", [icosphere(5), terrain(128), sheets(TALL, "tall"), splinters()], ids=lambda m: m.source
@@ -122,6 +123,7 @@ def test_small_and_degenerate_meshes_have_estimates(name: str) -> None:
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", ["compact", "hashed", "linked-list", "dynamic-array"])
 @pytest.mark.parametrize("skipping", [False, True])
 def test_bytes_are_estimated(layout: str, skipping: bool, device: Device) -> None:

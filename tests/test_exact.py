@@ -90,6 +90,7 @@ def test_fans_equal_rational_arithmetic(dtype: type, device: Device, record_prop
     assert_fans_exact(dtype, 0, 100, 12, device, record_property)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("dtype", "exponent"),

@@ -114,6 +114,7 @@ def test_what_only_strict_rungs_know_is_refused(device: Device) -> None:
         render(BALL, None, 8, 8, ("t_err",), grid=fast)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MESHES)
 def test_no_mesh_is_too_strange(name: str, device: Device) -> None:

@@ -151,6 +151,7 @@ def meshes() -> dict[str, Mesh]:
 MESHES = meshes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("resolution", [(1, 1, 1), (7, 4, 3), (2, 13, 5), (9, 8, 10)])
 def test_cells_hold_what_they_must(name: str, resolution: Resolution, device: Device) -> None:

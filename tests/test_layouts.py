@@ -33,6 +33,7 @@ def assert_same_lists(mesh: Mesh, resolution: Resolution, device: Device) -> Non
         assert lists_of(build(mesh, layout, resolution=resolution, device=device)) == expected, layout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("resolution", [(1, 1, 1), (7, 4, 3), (20, 12, 15)])
 def test_every_layout_holds_the_same_lists(name: str, resolution: Resolution, device: Device) -> None:
@@ -76,6 +77,7 @@ def test_tables_at_their_extremes(name: str, device: Device) -> None:
     assert stats.slots <= -(-stats.cells // ROW_CELLS) * ROW_CELLS
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("skipping", [False, True])
 @pytest.mark.parametrize("name", ["ball", "flat", "one", "walls"])
@@ -133,6 +135,7 @@ def test_bytes_are_equal_on_every_device_and_in_every_run(layout: str, all_devic
     assert len(digests) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("size", [1, 8, 24, 1000])
 def test_bytes_do_not_depend_on_chunks(

@@ -91,6 +91,7 @@ def test_a_finer_density_gives_more_cells(device: Device) -> None:
     assert cells == sorted(set(cells))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("density", [0.1, 0.5, 30])
 @pytest.mark.parametrize("name", ["teapot", "huge_and_tiny", "flat", "one"])

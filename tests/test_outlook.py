@@ -47,6 +47,7 @@ def counted(mesh: Mesh, view: Camera, device: Device, **options: object) -> tupl
     return float(hits.steps.mean()), float(hits.tests.mean())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("density", [0.5, 4.0])
 @pytest.mark.parametrize("name", VIEWS)
 def test_rays_of_a_camera_take_about_the_steps_and_tests_estimated(

@@ -32,6 +32,7 @@ def distances(grid: Grid) -> np.ndarray:
     return grid._allocator.download(lists.distances.buffer, np.uint8, x * y * z).reshape(z, y, x)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("resolution", [(40, 40, 40), (37, 22, 9), (1, 1, 1), (70, 3, 1), (1, 5, 130)])
 def test_distances_are_those_to_the_nearest_full_brick(

@@ -206,6 +206,7 @@ def test_one_ray_that_is_none_spoils_no_other(accuracy: str, device: Device) -> 
     assert (hits.primitive_ids.reshape(-1, TILE) == lone).sum(axis=1).min() >= TILE - 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 63, 64, 65, 4095])
 def test_few_rays(count: int, device: Device) -> None:
     o, d, low, high = (side.reshape(4096, *side.shape[2:])[:count] for side in view((1, 2, 3), 64, 64))

@@ -206,6 +206,7 @@ TRANSFORMS: dict[str, tuple[float, float, type]] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [n if n == "ball" else pytest.param(n, marks=pytest.mark.slow) for n in INSIDES]
 )

@@ -306,6 +306,7 @@ def test_meshes_that_strain_equal_brute_force_too(device, name):
     assert differing == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("layout", "skipping"), KINDS)
 def test_every_layout_casts_the_same_rays_with_the_same_hits(device, layout, skipping):
     work = replace(SMALL, layout=layout, skipping=skipping)
