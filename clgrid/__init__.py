@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from clgrid import trimesh as trimesh
     from clgrid.brute import brute_force
     from clgrid.camera import Camera
     from clgrid.device import Device
@@ -89,7 +90,13 @@ _HOMES = {
 }
 
 
+# Modules that are public by themselves.
+_MODULES = ("trimesh",)
+
+
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"clgrid.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'clgrid' has no attribute {name!r}")
     module, attribute = _HOMES[name]
@@ -99,4 +106,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_MODULES})
