@@ -13,6 +13,7 @@ from clgrid.grid import Grid, build
 from clgrid.mesh import Mesh
 from clgrid.places import first_of_place
 from clgrid.queries import PARITY_DIRECTION
+from clgrid.ray_rows import RayRows, ray_rows, rows
 from clgrid.rungs import LOSSLESS
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class RayMeshIntersector:
         InputError
             If they are not numbers of that shape. It is a ValueError too.
         """
-        return self.grid.occluded(*_rays(ray_origins, ray_directions))
+        return self.grid.occluded(*ray_rows(ray_origins, ray_directions))
 
     def intersects_first(self, ray_origins: npt.ArrayLike, ray_directions: npt.ArrayLike) -> Ids:
         """The nearest triangle of each ray.
@@ -114,7 +115,7 @@ class RayMeshIntersector:
         (n,) int64
             Indexes of mesh.faces, -1 where nothing is hit.
         """
-        return self.grid.cast(*_rays(ray_origins, ray_directions), fields=()).primitive_ids
+        return self.grid.cast(*ray_rows(ray_origins, ray_directions), fields=()).primitive_ids
 
     @overload
     def intersects_id(
@@ -183,7 +184,7 @@ class RayMeshIntersector:
             As ``intersects_any``; if ``max_hits`` is negative; or if there are more hits than a buffer of the
             device holds.
         """
-        rays = _rays(ray_origins, ray_directions)
+        rays = ray_rows(ray_origins, ray_directions)
         if max_hits is not None and max_hits < 0:
             raise InputError(f"max_hits is {max_hits}; give at least 0, or None for all")
         found = self._all(rays, max_hits) if multiple_hits else self._nearest(rays, max_hits)
@@ -239,7 +240,7 @@ class RayMeshIntersector:
         InputError
             If they are not numbers of that shape. It is a ValueError too.
         """
-        grid, checked = self._grid("exact"), _rows("points", points)
+        grid, checked = self._grid("exact"), rows("points", points)
         if grid.empty or not grid.open_edges:
             return grid.contains(checked)
         return _within_open(grid, checked)
@@ -261,7 +262,7 @@ class RayMeshIntersector:
         self._grids[accuracy] = _Standing(now, grid)
         return grid
 
-    def _all(self, rays: _Rays, most: int | None) -> _Found:
+    def _all(self, rays: RayRows, most: int | None) -> _Found:
         """All hits of each ray, those in one place once; the nearest of each first."""
         merging = self._accuracy != "exact"  # whose triangles agree which of them is crossed
         grid = self.grid
@@ -279,7 +280,7 @@ class RayMeshIntersector:
             order = order[: int(np.count_nonzero(depth < most))]
         return _Found(every.primitive_ids[kept][order], of_ray[order], every.t_hit[kept][order])
 
-    def _nearest(self, rays: _Rays, most: int | None) -> _Found:
+    def _nearest(self, rays: RayRows, most: int | None) -> _Found:
         hits = self.grid.cast(*rays, fields=())
         of_ray = np.flatnonzero(hits.mask)[: 0 if most == 0 else None]
         return _Found(hits.primitive_ids[of_ray], of_ray, hits.t_hit[of_ray])
@@ -301,11 +302,6 @@ class _Standing(NamedTuple):
 
     content: int
     grid: Grid
-
-
-class _Rays(NamedTuple):
-    origins: npt.NDArray[Any]
-    directions: npt.NDArray[Any]
 
 
 class _Found(NamedTuple):
@@ -332,43 +328,6 @@ def _rebuilt(grid: Grid | None, mesh: Mesh, accuracy: str, options: dict[str, An
 
 def _same_triangles(one: Mesh, other: Mesh) -> bool:
     return one.vertices.shape == other.vertices.shape and np.array_equal(one.faces, other.faces)
-
-
-def _rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> _Rays:
-    """Both as (n, 3).
-
-    Raises
-    ------
-    InputError
-        If they are not numbers, of another shape, or not equally many.
-    """
-    rays = _Rays(_rows("ray_origins", origins), _rows("ray_directions", directions))
-    if len(rays.origins) != len(rays.directions):
-        raise InputError(
-            f"{len(rays.origins)} ray_origins for {len(rays.directions)} ray_directions; give as many of both"
-        )
-    return rays
-
-
-def _rows(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
-    """(n, 3) real numbers; none of an empty list.
-
-    Raises
-    ------
-    InputError
-        If they are not numbers, or of another shape.
-    """
-    try:
-        rows = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"{name}: no array of numbers: {error}") from None
-    if rows.dtype.kind not in "fiub":
-        raise InputError(f"{name} has dtype {rows.dtype}; give real numbers")
-    if rows.shape == (0,):
-        rows = rows.reshape(0, 3)
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise InputError(f"{name} has shape {rows.shape}; give (n, 3)")
-    return rows if rows.dtype == np.float32 else rows.astype(np.float64, copy=False)
 
 
 def _within_open(grid: Grid, points: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:

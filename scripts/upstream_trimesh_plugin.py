@@ -6,7 +6,6 @@ UPSTREAM_THEIRS leaves trimesh its own.
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import types
@@ -25,43 +24,42 @@ outcomes: dict[str, str] = {}
 """By test: those that asked an intersector."""
 
 
-def counting(intersector: type, **options: Any) -> type:
-    """The class, made with options, whose queries are counted."""
+class Ours(RayMeshIntersector):
+    """On the rung that was named."""
 
-    class Counting(intersector):  # type: ignore[misc, valid-type]
-        def __init__(self, *words: Any, **named: Any) -> None:
-            super().__init__(*words, **named, **options)
+    def __init__(self, *words: Any, **named: Any) -> None:
+        super().__init__(*words, accuracy=os.environ["UPSTREAM_ACCURACY"], **named)
 
-    def counted(name: str) -> Any:
-        query = getattr(intersector, name)
 
-        def ask(self: Any, *words: Any, **named: Any) -> Any:
+def count(intersector: type) -> None:
+    """Have the class's queries counted."""
+
+    def counted(query: Any) -> Any:
+        def ask(*words: Any, **named: Any) -> Any:
             global asked
             asked += 1
-            return query(self, *words, **named)
+            return query(*words, **named)
 
         return ask
 
     for name in METHODS:
-        setattr(Counting, name, counted(name))
-    return Counting
+        setattr(intersector, name, counted(getattr(intersector, name)))
 
 
 def replace_both() -> None:
-    ours = counting(RayMeshIntersector, accuracy=os.environ["UPSTREAM_ACCURACY"])
-    trimesh.ray.ray_triangle.RayMeshIntersector = ours
+    count(Ours)
+    trimesh.ray.ray_triangle.RayMeshIntersector = Ours
     if not trimesh.ray.has_embree:
         module: Any = types.ModuleType("trimesh.ray.ray_pyembree")
         sys.modules[module.__name__] = trimesh.ray.ray_pyembree = module
         trimesh.ray.has_embree = True
-    trimesh.ray.ray_pyembree.RayMeshIntersector = ours
+    trimesh.ray.ray_pyembree.RayMeshIntersector = Ours
 
 
 def count_theirs() -> None:
-    engines = ["ray_triangle", *(["ray_pyembree"] if trimesh.ray.has_embree else [])]
-    for engine in engines:
-        module = importlib.import_module(f"trimesh.ray.{engine}")
-        module.RayMeshIntersector = counting(module.RayMeshIntersector)
+    count(trimesh.ray.ray_triangle.RayMeshIntersector)
+    if trimesh.ray.has_embree:
+        count(trimesh.ray.ray_pyembree.RayMeshIntersector)
 
 
 @pytest.hookimpl(wrapper=True)
