@@ -2,85 +2,23 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-import subprocess
-import sys
 from fractions import Fraction
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from meshes import MESHES, lattice_box
 from rays import mixed
-from shapes import box, joined
+from trimesh_meshes import around, bumpy, by_ray, intersector, places, theirs, trimesh
 
-import clgrid
 from clgrid import rational
 from clgrid.brute import brute_force
 from clgrid.device import Device
-from clgrid.errors import ClgridError, InputError, MeshError
+from clgrid.errors import InputError
 from clgrid.mesh import Mesh
 from clgrid.trimesh import RayMeshIntersector
 
-trimesh = pytest.importorskip("trimesh")
-
-Points = npt.NDArray[np.float64]
 ENGINES = ("ray_triangle", "ray_pyembree")
 NEEDS = {"ray_triangle": "rtree", "ray_pyembree": "embreex"}
-
-
-def theirs(mesh: Mesh) -> Any:
-    return trimesh.Trimesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64), process=False)
-
-
-def intersector(mesh: Any, device: Device, **options: Any) -> RayMeshIntersector:
-    return RayMeshIntersector(theirs(mesh) if isinstance(mesh, Mesh) else mesh, device=device, **options)
-
-
-def around(mesh: Any, count: int, seed: int) -> tuple[Points, Points]:
-    """Rays from around a mesh to points within its bounds: in general position."""
-    rng = np.random.default_rng(seed)
-    low, high = mesh.bounds
-    starts = rng.uniform(low - (high - low), high + (high - low), (count, 3))
-    return starts, rng.uniform(low, high, (count, 3)) - starts
-
-
-def bumpy() -> Any:
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    shape = 1 + 0.4 * np.sin(7 * ball.vertices).sum(axis=1)
-    ball.vertices *= shape[:, None]
-    return ball
-
-
-def places(mesh: Any, origin: Points, direction: Points) -> list[Fraction]:
-    """Exact t at which the ray meets closed triangles, each once."""
-    o, d = ([Fraction(float(x)) for x in side] for side in (origin, direction))
-    found = set()
-    for corners in mesh.vertices[mesh.faces]:
-        points = [[Fraction(float(x)) - y for x, y in zip(corner, o, strict=True)] for corner in corners]
-        sides = [det(d, points[i], points[(i + 1) % 3]) for i in range(3)]
-        edges = [[x - y for x, y in zip(points[i], points[0], strict=True)] for i in (1, 2)]
-        slope = det(d, *edges)
-        if slope and (min(sides) >= 0 or max(sides) <= 0):
-            found.add(det(points[0], *edges) / slope)
-    return sorted(t for t in found if t >= 0)
-
-
-def det(a: Any, b: Any, c: Any) -> Fraction:
-    return sum(
-        (a[i] * (b[(i + 1) % 3] * c[(i + 2) % 3] - b[(i + 2) % 3] * c[(i + 1) % 3]) for i in range(3)),
-        Fraction(0),
-    )
-
-
-def by_ray(rays: Any, values: Any, count: int) -> list[list[Any]]:
-    lists: list[list[Any]] = [[] for _ in range(count)]
-    for ray, value in zip(rays.tolist(), values.tolist(), strict=True):
-        lists[ray].append(value)
-    return lists
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -331,169 +269,17 @@ def test_options_are_those_of_build(device: Device) -> None:
         RayMeshIntersector(mesh, layout="bvh", device=device).intersects_any([], [])
 
 
-def test_changes_of_the_mesh_are_followed(device: Device) -> None:
-    mesh = trimesh.creation.box()
-    mesh.ray = intersector(mesh, device)
-    ray = [[0.25, 0.125, 9.0]], [[0.0, 0, -1]]
-    inside = [[0.25, 0.125, 0.0]]
-
-    def heights() -> list[float]:
-        found: list[float] = mesh.ray.intersects_location(*ray)[0][:, 2].tolist()
-        return found
-
-    assert heights() == [0.5, -0.5]
-    assert mesh.contains(inside).tolist() == [True]
-    grid = mesh.ray.grid
-    assert mesh.ray.grid is grid
-    mesh.apply_transform(trimesh.transformations.translation_matrix([0, 0, 2]))
-    assert heights() == [2.5, 1.5]
-    assert mesh.contains(inside).tolist() == [False]
-    assert mesh.ray.grid is grid  # updated
-    mesh.vertices[mesh.vertices[:, 2] > 2] += [0, 0, 1]
-    assert heights() == [3.5, 1.5]
-    mesh.vertices *= 2
-    assert heights() == [7, 3]
-    mesh.update_faces(mesh.face_normals[:, 2] < 0.5)
-    assert heights() == [3]
-    mesh.faces = mesh.faces[:0]
-    assert heights() == []
-    mesh.vertices, mesh.faces = trimesh.creation.box().vertices, trimesh.creation.box().faces
-    assert heights() == [0.5, -0.5]
-
-
-def test_a_change_that_is_refused_leaves_no_grid_behind(device: Device) -> None:
-    mesh = trimesh.creation.box()
-    ours = intersector(mesh, device)
-    ray = [[0.25, 0.125, 9.0]], [[0.0, 0, -1]]
-    assert ours.intersects_any(*ray).all()
-    good = mesh.vertices.copy()
-    mesh.vertices[3] = np.nan
-    for _ in range(2):
-        with pytest.raises(MeshError, match="NaN or infinite, first vertex 3"):
-            ours.intersects_any(*ray)
-    mesh.vertices = good
-    assert ours.intersects_any(*ray).all()
-    mesh.faces[5] = [0, 1, 99]
-    with pytest.raises(MeshError, match=r"triangle 5 names vertices \[0, 1, 99\] of 8"):
-        ours.intersects_any(*ray)
-
-
-def test_points_are_told_inside_as_exact_arithmetic_does(device: Device) -> None:
-    """On the lattice of boxes, with a cavity and an overlap; surfaces count as what is beside them."""
-    mesh = theirs(joined(box([-2] * 3, [2] * 3), box([1] * 3, [3] * 3)))
-    cavity = trimesh.creation.box(extents=[1, 1, 1])
-    cavity.invert()
-    mesh = trimesh.util.concatenate([mesh, cavity])
-    points = np.random.default_rng(6).integers(-7, 8, (400, 3)) / 2.0
+@pytest.mark.parametrize("name", ["bumpy", "needle_fan", "stacks"])
+def test_exact_counts_are_those_of_rational_arithmetic(name: str, device: Device) -> None:
+    """Rays at vertices and edges, where two crossings may be nearer than float64 can tell."""
+    mesh = bumpy() if name == "bumpy" else theirs(MESHES[name])
+    rng = np.random.default_rng(8)
     corners = mesh.triangles.view(np.ndarray)
-    expected = [rational.inside(corners, point, np.array([1.0, 0.5, 0.25])) for point in points]
-    for accuracy in ("precise", "exact"):
-        found = intersector(mesh, device, accuracy=accuracy).contains_points(points)
-        assert found.tolist() == expected
-    assert 20 < sum(expected) < 380
-    mesh.ray = intersector(mesh, device)
-    assert mesh.contains([[0, 0, 0], [0, 0, 0.75], [1.5, 1.5, 1.5]]).tolist() == [False, True, False]
-
-
-def test_points_in_open_meshes_are_told_by_both_halves_of_lines(device: Device) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    bowl = ball.copy()
-    bowl.update_faces(ball.triangles_center[:, 2] < 0.8)
-    points = np.random.default_rng(7).uniform(-1.5, 1.5, (2000, 3))
-    whole, found = (intersector(mesh, device).contains_points(points) for mesh in (ball, bowl))
-    assert np.mean(whole == found) > 0.98
-    assert not found[np.linalg.norm(points, axis=1) > 1].any()
-    np.testing.assert_array_equal(found, intersector(bowl, device).contains_points(points))
-
-
-def test_trimesh_functions_take_our_rays(device: Device) -> None:
-    mesh = trimesh.creation.icosphere(subdivisions=2)
-    mesh.ray = intersector(mesh, device)
-    points = trimesh.sample.volume_mesh(mesh, 50)
-    assert len(points)
-    assert mesh.contains(points).all()
-    assert trimesh.ray.ray_util.contains_points(mesh.ray, [[0, 0, 0], [2, 0, 0]]).tolist() == [True, False]
-    thickness = trimesh.proximity.thickness(mesh, mesh.triangles_center[:5] * 0.999, method="ray")
-    assert (thickness > 1.5).all()
-
-
-def test_meshes_with_our_rays_are_copied_and_pickled(device: Device) -> None:
-    mesh = trimesh.creation.box()
-    mesh.ray = intersector(mesh, device, accuracy="exact")
-    assert mesh.ray.intersects_any([[0, 0, 0]], [[0, 0, 1]]).all()
-    again = pickle.loads(pickle.dumps(mesh))
-    assert isinstance(again.ray, RayMeshIntersector)
-    assert again.ray.mesh is again
-    again.apply_translation([9, 0, 0])
-    assert not again.ray.intersects_any([[0, 0, 0]], [[0, 0, 1]]).any()
-    assert again.ray.grid.device == device
-    twin = copy.deepcopy(mesh.ray)
-    assert twin.mesh is mesh
-    assert twin.grid.accuracy == "exact"
-
-
-def test_a_mesh_of_trimesh_is_a_copy() -> None:
-    source = trimesh.creation.box()
-    mesh = Mesh.from_trimesh(source)
-    assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float64, np.uint32)
-    np.testing.assert_array_equal(mesh.faces, source.faces)
-    source.vertices[0] = 9
-    assert mesh.vertices.max() == 0.5
-    assert Mesh.from_trimesh(trimesh.Trimesh()).triangle_count == 0
-    for other in (trimesh.PointCloud(np.zeros((2, 3))), np.zeros((3, 3))):
-        with pytest.raises(MeshError, match=f"a {type(other).__name__} has no triangles"):
-            Mesh.from_trimesh(other)
-
-
-def test_a_scene_of_trimesh_has_a_geometry_for_each_node() -> None:
-    scene = trimesh.Scene()
-    unit = trimesh.creation.box()
-    mirrored = np.diag([-1.0, 1, 1, 1])
-    mirrored[:3, 3] = 5, 0, 0
-    scene.add_geometry(unit, node_name="here", geom_name="box")
-    scene.add_geometry(unit, node_name="there", geom_name="box", transform=mirrored)
-    scene.add_geometry(trimesh.load_path([[0, 0, 0], [1, 1, 1]]), node_name="line")
-    scene.add_geometry(trimesh.PointCloud([[0.0, 0, 0]]), node_name="dots")
-    mesh = Mesh.from_trimesh(scene)
-    assert mesh.geometry_names == ("here", "there")
-    assert mesh.geometry_starts.tolist() == [0, 12, 24]
-    np.testing.assert_array_equal(mesh.bounds, [[-0.5] * 3, [5.5, 0.5, 0.5]])
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outwards = corners.mean(axis=1) - np.repeat([[0.0, 0, 0], [5, 0, 0]], 12, axis=0)
-    assert ((normals * outwards).sum(axis=1) > 0).all()
-    assert Mesh.from_trimesh(trimesh.Scene()).triangle_count == 0
-
-
-def test_the_name_shadows_nothing() -> None:
-    assert clgrid.trimesh.RayMeshIntersector is RayMeshIntersector
-    assert "trimesh" in dir(clgrid)
-    assert trimesh.__name__ == "trimesh"
-    assert issubclass(MeshError, ClgridError)
-
-
-SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "upstream_trimesh"
-
-
-def test_the_script_counts_tests_that_ask_us(tmp_path: Path, device: Device) -> None:
-    (tmp_path / "trimesh").symlink_to(Path(trimesh.__file__).parent)
-    (tmp_path / "tests").mkdir()
-    (tmp_path / "tests" / "test_ray.py").write_text(
-        "import trimesh\n"
-        "def test_ours():\n"
-        "    ray = trimesh.creation.box().ray\n"
-        "    assert 'clgrid' in type(ray).__mro__[1].__module__\n"
-        "    assert ray.intersects_any([[0, 0, 0]], [[0, 0, 1]])[0]\n"
-        "def test_wrong():\n"
-        "    assert not trimesh.creation.box().contains([[0, 0, 0]])[0]\n"
-        "def test_other():\n"
-        "    pass\n"
-    )
-    command = [sys.executable, str(SCRIPT), str(tmp_path), "--device", device.description.label]
-    done = subprocess.run([*command, "--files", "test_ray.py"], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 2, done.stderr
-    assert "1 of 2 tests that ask clgrid's RayMeshIntersector pass" in done.stdout
-    assert "failed: tests/test_ray.py::test_wrong" in done.stdout
-    done = subprocess.run([*command, "--files", "test_none.py"], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 1
-    assert "test_none.py is missing" in done.stderr
+    starts = mesh.bounds.mean(axis=0) + rng.normal(size=(120, 3)) * 3 * np.ptp(mesh.bounds)
+    some = corners[rng.integers(0, len(corners), 120)]
+    some[:, 2] = np.where(rng.random((120, 1)) < 0.5, some[:, 1], some[:, 0])
+    ways = (some[:, 1] + some[:, 2]) / 2 - starts
+    expected = [rational.count(corners, o, d) for o, d in zip(starts, ways, strict=True)]
+    ours = intersector(mesh, device, accuracy="exact")
+    assert np.bincount(ours.intersects_id(starts, ways)[1], minlength=120).tolist() == expected
+    assert ours.intersects_any(starts, ways).tolist() == [count > 0 for count in expected]
