@@ -10,6 +10,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from clgrid import open3d as open3d
+    from clgrid import trimesh as trimesh
     from clgrid.brute import brute_force
     from clgrid.camera import Camera
     from clgrid.device import Device
@@ -92,7 +94,13 @@ _HOMES = {
 }
 
 
+# Modules that are public by themselves.
+_MODULES = ("open3d", "trimesh")
+
+
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"clgrid.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'clgrid' has no attribute {name!r}")
     module, attribute = _HOMES[name]
@@ -102,4 +110,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_MODULES})

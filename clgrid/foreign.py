@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import MeshError
 from clgrid.mesh import MAX_COUNT, FloatArray, Mesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 Ids = npt.NDArray[np.uint32]
 
@@ -92,13 +96,13 @@ def _indices(values: Any, source: str) -> Ids:
     return np.array(array, np.uint32, order="C")
 
 
-def joined(meshes: list[Mesh]) -> Mesh:
+def joined(meshes: list[Mesh], source: str = "scene") -> Mesh:
     """One mesh of the geometries of all, in order; MeshError if they are too many."""
     vertices = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.cumsum([0, *(mesh.triangle_count for mesh in meshes)])
     if max(vertices[-1], triangles[-1]) > MAX_COUNT:
         raise MeshError(
-            f"scene: {vertices[-1]:,} vertices and {triangles[-1]:,} triangles, at most {MAX_COUNT:,} fit;"
+            f"{source}: {vertices[-1]:,} vertices and {triangles[-1]:,} triangles, at most {MAX_COUNT:,} fit;"
             " make several scenes"
         )
     names = tuple(name for mesh in meshes for name in mesh.geometry_names)
@@ -109,5 +113,45 @@ def joined(meshes: list[Mesh]) -> Mesh:
         np.concatenate([np.zeros((0, 3), np.uint32), *faces]),
         geometry_starts=np.concatenate([np.zeros(1, np.int64), *starts]),
         geometry_names=names,
-        source="scene",
+        source=source,
     )
+
+
+def of_trimesh(given: trimesh.Trimesh | trimesh.Scene) -> Mesh:
+    """What ``Mesh.from_trimesh`` returns, and raises."""
+    source = f"<trimesh.{type(given).__name__}>"
+    if hasattr(given, "geometry") and hasattr(given, "graph"):
+        return joined(list(_nodes(given)), source)
+    if not (hasattr(given, "vertices") and hasattr(given, "faces")):
+        raise MeshError(f"a {type(given).__name__} has no triangles; give a trimesh.Trimesh or trimesh.Scene")
+    return Mesh(*_copied(given), source=source)
+
+
+def _copied(mesh: trimesh.Trimesh) -> tuple[npt.NDArray[np.float64], Ids]:
+    """Copies: a trimesh.Trimesh may be changed where it is, a Mesh may not."""
+    vertices = np.array(mesh.vertices, np.float64, order="C", subok=False).reshape(-1, 3)
+    faces = np.asarray(mesh.faces).reshape(-1, 3)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        bad = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
+        raise MeshError(
+            f"<trimesh.{type(mesh).__name__}>: triangle {bad} names vertices {faces[bad].tolist()} of"
+            f" {len(vertices)}; repair the mesh"
+        )
+    return vertices, np.array(faces, np.uint32, order="C", subok=False)
+
+
+def _nodes(scene: trimesh.Scene) -> Iterator[Mesh]:
+    """Each node that shows a trimesh.Trimesh, in the scene's coordinates."""
+    for node in scene.graph.nodes_geometry:
+        world, name = scene.graph[node]
+        shown: Any = scene.geometry[name]
+        if not hasattr(shown, "faces"):
+            continue  # paths and clouds of points
+        vertices, faces = _copied(shown)
+        turned = np.linalg.det(world[:3, :3]) < 0
+        yield Mesh(
+            vertices @ world[:3, :3].T + world[:3, 3],
+            np.ascontiguousarray(faces[:, ::-1]) if turned else faces,
+            geometry_names=(str(node),),
+            source=f"{node}",
+        )

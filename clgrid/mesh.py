@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import MeshError
+
+if TYPE_CHECKING:
+    import trimesh
 
 FloatArray = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
@@ -60,6 +64,30 @@ class Mesh:
             object.__setattr__(self, "geometry_starts", np.array([0, len(self.faces)], np.int64))
             object.__setattr__(self, "geometry_names", self.geometry_names or ("",))
         validate(self)
+
+    @classmethod
+    def from_trimesh(cls, source: trimesh.Trimesh | trimesh.Scene) -> Mesh:
+        """The triangles of a trimesh.Trimesh or trimesh.Scene, in their order; a copy, without normals.
+
+        Parameters
+        ----------
+        source : trimesh.Trimesh or trimesh.Scene
+            Of a scene, each node that shows triangles becomes a geometry of the node's name, moved to where
+            the node has it. Triangles of mirroring nodes are turned, so that normals stay outside.
+
+        Returns
+        -------
+        Mesh
+            With vertices in float64.
+
+        Raises
+        ------
+        MeshError
+            If it is neither, a triangle names a missing vertex, or a vertex in use is not finite.
+        """
+        from clgrid.foreign import of_trimesh
+
+        return of_trimesh(source)
 
     @property
     def triangle_count(self) -> int:

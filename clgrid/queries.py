@@ -22,7 +22,7 @@ from clgrid.target import DeviceMesh
 
 # Along which ``contains`` counts: askew, so that edges of grids and of modelled boxes are seldom met. Any
 # direction gives the same answers on the rung ``exact``.
-_PARITY_DIRECTION = (0.81649658, 0.48112522, 0.31943828)
+PARITY_DIRECTION = (0.81649658, 0.48112522, 0.31943828)
 
 
 class Queries(ABC):
@@ -65,7 +65,8 @@ class Queries(ABC):
         origins : (..., 3) or (..., 6) float32 or float64
             Scene units; with six components, the last three are the directions.
         directions : (..., 3) float32 or float64
-            Of any length but zero; broadcast against the origins.
+            Of any length but zero; broadcast against the origins. Beyond 2^960 times the mesh's size or its
+            inverse a ray is counted as invalid, and misses.
         t_min, t_max : float or (...) float64
             Closed interval of the ray parameter, in lengths of the direction.
         fields : sequence of str, optional
@@ -186,7 +187,7 @@ class Queries(ABC):
                 f"contains: {self.mesh.source} is not closed, {self.open_edges:,} edges have an odd number of"
                 " triangles; close it, or pass require_closed=False and mind what inside then means"
             )
-        rays = as_bounded_rays(points, np.array(_PARITY_DIRECTION), 0.0, np.inf)
+        rays = as_bounded_rays(points, np.array(PARITY_DIRECTION), 0.0, np.inf)
         if self.empty:
             return np.zeros(rays.origins.shape[:-1], bool)
         counts = casting.count_hits(self.target, self.standing, rays, open_start=True)
