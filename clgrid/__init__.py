@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from clgrid.errors import (
         ClgridError,
         DeviceError,
+        GridFileError,
         GridTooLargeError,
         ImageError,
         InputError,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
     from clgrid.renderer import render
+    from clgrid.saved import open_grid
     from clgrid.scene import Scene, load_scene
 
 __version__ = "0.1.0"
@@ -39,6 +41,7 @@ __all__ = [
     "Device",
     "DeviceError",
     "Grid",
+    "GridFileError",
     "GridTooLargeError",
     "Hits",
     "Image",
@@ -54,6 +57,7 @@ __all__ = [
     "devices",
     "load",
     "load_scene",
+    "open_grid",
     "predict",
     "read_image",
     "render",
@@ -74,6 +78,7 @@ _HOMES = {
     "devices": ("device", "describe_all"),
     "load": ("mesh", "load"),
     "load_scene": ("scene", "load_scene"),
+    "open_grid": ("saved", "open_grid"),
     "predict": ("grid", "predict"),
     "read_image": ("image", "read_image"),
     "render": ("renderer", "render"),
@@ -82,6 +87,7 @@ _HOMES = {
         for name in (
             "ClgridError",
             "DeviceError",
+            "GridFileError",
             "GridTooLargeError",
             "ImageError",
             "InputError",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
@@ -14,6 +16,7 @@ from clgrid.cast import GridPart
 from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
+from clgrid.layouts.lists import CellLists
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.queries import Queries
@@ -112,6 +115,13 @@ class Grid(Queries):
         )
         return GridPart(part, lists)
 
+    def stand_on(self, ends: Sequence[int], makers: Sequence[Callable[[Allocator], CellLists]]) -> None:
+        """Take lists made elsewhere, one a run of triangles from one of ``ends`` to the next."""
+        self._target = DeviceMesh(self.mesh, self.device, self._allocator, self.rung)
+        runs = self._target.runs(ends)
+        self.parts = [GridPart(run, make(self._allocator)) for run, make in zip(runs, makers, strict=True)]
+        self._allocator.finished = self.nbytes
+
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
         for part in self.parts:
@@ -143,6 +153,27 @@ class Grid(Queries):
         self._allocator.recycles = True
         self._give_back()
         self._build()
+
+    def save(self, path: str | Path) -> None:
+        """Write the grid and its mesh to a file that ``clgrid.open_grid`` opens.
+
+        The same grid gives the same bytes, on any device. The file appears under its name only when complete.
+
+        Parameters
+        ----------
+        path : str or Path
+            Any name; a file that is there is replaced.
+
+        Raises
+        ------
+        GridFileError
+            If the file cannot be written; one that was there is then as it was.
+        InputError
+            If the last update failed.
+        """
+        from clgrid.saved import save
+
+        save(self, self._allocator, Path(path))
 
     @property
     def target(self) -> DeviceMesh:
@@ -282,11 +313,22 @@ def build(
     asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays, view)
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count:
-        tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
-        selftest.require(chosen, RUNGS[accuracy], lambda ball: _made(ball, chosen, tested))
+        require_tested(chosen, accuracy)
     grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: _made(mesh, chosen, recipe))
     grid.choice = choice
     return grid
+
+
+def require_tested(device: Device, accuracy: str) -> None:
+    """Find out, before the first grid of this accuracy on the device, that it keeps the promises.
+
+    Raises
+    ------
+    DeviceError
+        If it does not.
+    """
+    tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
+    selftest.require(device, RUNGS[accuracy], lambda ball: _made(ball, device, tested))
 
 
 def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
