@@ -17,19 +17,20 @@ from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
 from clgrid.layouts.lists import CellLists
+from clgrid.life import Life
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
-from clgrid.stats import GridStats, sums
+from clgrid.stats import NO_STATS, GridStats, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
 
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
 
 
-class Grid(Queries):
+class Grid(Queries, Life):
     """A grid over a mesh, on a device. Made by ``clgrid.build``.
 
     Attributes
@@ -77,6 +78,31 @@ class Grid(Queries):
     def skipping(self) -> bool:
         """Whether rays leap over empty space."""
         return self.recipe.skipping
+
+    @classmethod
+    def rebuilt(cls, mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+        """A grid of a recipe, as ``build`` makes it once nothing is left to choose.
+
+        Raises
+        ------
+        GridTooLargeError, DeviceError
+            As of ``build``.
+        """
+        if mesh.triangle_count:
+            require_tested(device, recipe.accuracy)
+        return _made(mesh, device, recipe)
+
+    @property
+    def empty(self) -> bool:
+        """Whether the mesh has no triangles; every ray then misses."""
+        self.require_unreleased()
+        return super().empty
+
+    def _let_go(self) -> None:
+        if self.parts:
+            _ = self.stats  # which outlives the buffers
+        self.parts, self._target = [], None
+        self._allocator.drop()
 
     def _build(self) -> None:
         start = time.perf_counter()
@@ -144,6 +170,7 @@ class Grid(Queries):
         GridTooLargeError
             If the new grid would exceed a limit; there is then no grid until an update succeeds.
         """
+        self.require_here()
         moved = self.mesh.moved(vertices)
         if self.empty:
             return
@@ -178,6 +205,7 @@ class Grid(Queries):
     @property
     def target(self) -> DeviceMesh:
         """The mesh on the device; only for a mesh that has triangles."""
+        self.require_here()
         if self._target is None:
             raise InputError("the mesh has no triangles, so nothing of it is on a device")
         return self._target
@@ -189,8 +217,11 @@ class Grid(Queries):
         Raises
         ------
         InputError
-            If the last update failed.
+            If the last update failed, or the grid was released.
+        DeviceError
+            In a forked process.
         """
+        self.require_here()
         if not self.parts:
             raise InputError("the last update failed, so there is no grid; update it with other vertices")
         return self.parts
@@ -219,25 +250,9 @@ class Grid(Queries):
     def stats(self) -> GridStats:
         """Counts, bytes and seconds."""
         if self.empty:
-            return GridStats(0, 0, 0, (0, 0, 0), 0.0, 1.0, 0, 0.0, 0, {}, 0.0, {}, 0)
-        lists, triangles = [part.lists for part in self.standing], self.mesh.triangle_count
-        cells, slots = sum(part.cell_count for part in lists), sum(part.slots for part in lists)
-        full = sum(part.full_cells for part in lists)
-        return GridStats(
-            triangles=triangles,
-            cells=cells,
-            references=sum(part.reference_count for part in lists),
-            resolution=lists[0].resolution,
-            density=cells / triangles,
-            empty_share=(cells - full) / cells,
-            slots=slots,
-            load_factor=full / slots if slots else 0.0,
-            parts=len(lists),
-            build_s=self.build_s,
-            upload_s=self.upload_s,
-            nbytes=sums([part.nbytes for part in lists]),
-            peak_nbytes=self.peak_nbytes,
-        )
+            return NO_STATS
+        lists = [part.lists for part in self.standing]
+        return stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
 
     def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:
         """Copies of the arrays of a part, by name, in the order of cl/lists.h.

@@ -231,6 +231,11 @@ class Allocator:
             self.in_use -= buffer.size
             buffer.release()
 
+    def drop(self) -> None:
+        """Forget all buffers, spare ones too: each goes with the last that refers to it."""
+        self._spare = []
+        self.start_again()
+
     def start_again(self) -> None:
         """Forget what an abandoned build had in use: it goes with the build's own variables."""
         self.in_use = sum(buffer.size for buffer in self._spare)
