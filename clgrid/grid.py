@@ -33,6 +33,9 @@ _MOST_PARTS = 256
 class Grid(Queries, Life):
     """A grid over a mesh, on a device. Made by ``clgrid.build``.
 
+    Threads may ask it anything at once, and get the bits that one gets. ``update`` moves what they ask, so it
+    is for a time when none of them does.
+
     Attributes
     ----------
     mesh : Mesh
@@ -205,10 +208,11 @@ class Grid(Queries, Life):
     @property
     def target(self) -> DeviceMesh:
         """The mesh on the device; only for a mesh that has triangles."""
+        target = self._target
         self.require_here()
-        if self._target is None:
+        if target is None:
             raise InputError("the mesh has no triangles, so nothing of it is on a device")
-        return self._target
+        return target
 
     @property
     def standing(self) -> list[GridPart]:
@@ -221,10 +225,11 @@ class Grid(Queries, Life):
         DeviceError
             In a forked process.
         """
+        parts = self.parts
         self.require_here()
-        if not self.parts:
+        if not parts:
             raise InputError("the last update failed, so there is no grid; update it with other vertices")
-        return self.parts
+        return parts
 
     @property
     def frame(self) -> LocalFrame:
@@ -249,9 +254,9 @@ class Grid(Queries, Life):
     @cached_property
     def stats(self) -> GridStats:
         """Counts, bytes and seconds."""
-        if self.empty:
+        if not self.mesh.triangle_count:
             return NO_STATS
-        lists = [part.lists for part in self.standing]
+        lists = [part.lists for part in self.parts or self.standing]
         return stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
 
     def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:

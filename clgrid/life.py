@@ -80,9 +80,10 @@ class Life(ABC):
         for ``stats`` and ``mesh``. Releasing twice is nothing. A forked process leaves buffers alone: they
         are not its own.
         """
-        if not self._released and not self.device.is_forked:
+        before, self._released = self._released, True
+        # In this order, so that a thread that finds no buffers finds out why.
+        if not before and not self.device.is_forked:
             self._let_go()
-        self._released = True
 
     def __enter__(self) -> Self:
         self.require_unreleased()
