@@ -23,14 +23,15 @@ from clgrid.mesh import FloatArray, Mesh
 from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
-from clgrid.stats import NO_STATS, GridStats, stats_of, sums
+from clgrid.shown import Facts, Shown, bytes_text, counted
+from clgrid.stats import NO_STATS, GridStats, facts_of, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
 
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
 
 
-class Grid(Queries, Life):
+class Grid(Queries, Life, Shown):
     """A grid over a mesh, on a device. Made by ``clgrid.build``.
 
     Threads may ask it anything at once, and get the bits that one gets. ``update`` moves what they ask, so it
@@ -258,6 +259,16 @@ class Grid(Queries, Life):
             return NO_STATS
         lists = [part.lists for part in self.parts or self.standing]
         return stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
+
+    def _headline(self) -> str:
+        how = f"{self.layout}, {self.accuracy}, on {self.device.label}"
+        state = "released" if self._released else bytes_text(self.nbytes)
+        return f"over {self.mesh.source}: {counted(self.mesh.triangle_count, 'triangle')}, {how}, {state}"
+
+    def _facts(self) -> Facts:
+        # None of a grid whose last update failed.
+        stands = self.parts or self._released or not self.mesh.triangle_count
+        return facts_of(self.stats) if stands else {}
 
     def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:
         """Copies of the arrays of a part, by name, in the order of cl/lists.h.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clgrid.layouts.lists import CellLists
+from clgrid.shown import Facts, bytes_text
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,22 @@ def stats_of(lists: Sequence[CellLists], triangles: int, upload_s: float, peak_n
         nbytes=sums([part.nbytes for part in lists]),
         peak_nbytes=peak_nbytes,
     )
+
+
+def facts_of(stats: GridStats) -> Facts:
+    """What a table shows of them."""
+    cells = f"{stats.cells:,} ({'x'.join(map(str, stats.resolution))})"
+    seconds = sum(stats.build_s.values())
+    arrays = ", ".join(f"{name} {bytes_text(nbytes)}" for name, nbytes in stats.nbytes.items())
+    return {
+        "cells": cells + (f", in {stats.parts} parts" if stats.parts > 1 else ""),
+        "cells per triangle": f"{stats.density:.3g}",
+        "references": f"{stats.references:,}",
+        "empty cells": f"{stats.empty_share:.1%}",
+        "bytes": f"{bytes_text(sum(stats.nbytes.values()))}: {arrays}",
+        "peak of the build": bytes_text(stats.peak_nbytes),
+        "build": f"{seconds:.3g} s, and {stats.upload_s:.3g} s to the device",
+    }
 
 
 def sums(tables: Sequence[dict[str, Any]]) -> dict[str, Any]:
