@@ -24,10 +24,11 @@ if TYPE_CHECKING:
         MeshError,
         UnsupportedError,
     )
-    from clgrid.grid import Grid, build, predict
+    from clgrid.grid import Grid, build
     from clgrid.hits import AllHits, Hits
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
+    from clgrid.prediction import predict
     from clgrid.renderer import render
     from clgrid.saved import open_grid
     from clgrid.scene import Scene, load_scene
@@ -79,7 +80,7 @@ _HOMES = {
     "load": ("mesh", "load"),
     "load_scene": ("scene", "load_scene"),
     "open_grid": ("saved", "open_grid"),
-    "predict": ("grid", "predict"),
+    "predict": ("prediction", "predict"),
     "read_image": ("image", "read_image"),
     "render": ("renderer", "render"),
     **{

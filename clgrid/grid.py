@@ -20,6 +20,8 @@ from clgrid.layouts.lists import CellLists
 from clgrid.life import Life
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
+from clgrid.prediction import predict as predict
+from clgrid.prediction import predict_choice as predict_choice
 from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
@@ -367,52 +369,3 @@ def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
     if mesh.triangle_count:
         grid._build()
     return grid
-
-
-def predict(
-    mesh: Mesh,
-    layout: str = "compact",
-    density: float | str = "auto",
-    resolution: tuple[int, int, int] | None = None,
-    device: Device | str | None = None,
-    max_memory: int | None = None,
-    skipping: bool | str = False,
-    rays: int = cost.DEFAULT_RAYS,
-    view: Camera | None = None,
-) -> dict[str, int]:
-    """Bytes by array of the grid that ``build`` would make, exactly, without keeping any of it.
-
-    Parameters, errors
-        As of ``build``. The mesh must fit in one part on the device.
-    """
-    return predict_choice(mesh, layout, density, resolution, device, max_memory, skipping, rays, view)[0]
-
-
-def predict_choice(
-    mesh: Mesh,
-    layout: str = "compact",
-    density: float | str = "auto",
-    resolution: tuple[int, int, int] | None = None,
-    device: Device | str | None = None,
-    max_memory: int | None = None,
-    skipping: bool | str = False,
-    rays: int = cost.DEFAULT_RAYS,
-    view: Camera | None = None,
-) -> tuple[dict[str, int], cost.Choice | None]:
-    """``predict``, with what ``Grid.choice`` would be."""
-    asked = Options(layout, density, resolution, "robust", max_memory, skipping, rays, view)
-    chosen = device if isinstance(device, Device) else choose(device)
-
-    def attempt(recipe: Recipe) -> dict[str, int]:
-        if not mesh.triangle_count:
-            return {}
-        allocator = Allocator(chosen, recipe.max_memory)
-        part = DeviceMesh(mesh, chosen, allocator).whole
-        sizes = layouts.predict(
-            chosen, allocator, part.vertices, part.faces, recipe.params(part), recipe.layout, recipe.skipping,
-            recipe.density,
-        )  # fmt: skip
-        allocator.check_arrays(sizes, f"a grid of density {recipe.density:g}")
-        return sizes
-
-    return asked.first_that_fits(mesh, chosen, attempt)
