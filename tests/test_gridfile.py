@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -169,6 +170,19 @@ def test_arrays_are_mapped_and_shared(
             host = buffer.get_host_array(array.nbytes, np.uint8)
             assert host.ctypes.data == array.ctypes.data
     assert opened.peak_nbytes == opened.nbytes == grid.nbytes
+
+
+def test_a_device_with_memory_of_its_own_gets_a_copy(device: Device) -> None:
+    facts = SimpleNamespace(host_unified_memory=False, max_mem_alloc_size=1 << 30, global_mem_size=1 << 30)
+    allocator = memory.Allocator(
+        SimpleNamespace(cl_device=facts, context=device.context, queue=device.queue)  # type: ignore[arg-type]
+    )
+    array = np.arange(5000, dtype=np.uint32)
+    buffer = allocator.adopt(array)
+    assert allocator.in_use == array.nbytes
+    array[:] = 0
+    np.testing.assert_array_equal(allocator.download(buffer, np.uint32, 5000), np.arange(5000))
+    assert allocator.adopt(array[:0]).size == 1
 
 
 def first_owner(array: np.ndarray) -> object:
