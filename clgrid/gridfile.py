@@ -245,7 +245,11 @@ def _checked_header(path: Path, pages: npt.NDArray[np.uint8]) -> tuple[Header, i
     (checksum,) = _CHECKSUM.unpack(pages[_START.size : _HEADER_AT].tobytes())
     if zlib.crc32(pages[_HEADER_AT:first].data, zlib.crc32(start)) != checksum:
         raise _altered(path, "the header")
-    return msgspec.json.decode(pages[_HEADER_AT : _HEADER_AT + header_bytes].tobytes(), type=Header), first
+    try:
+        text = pages[_HEADER_AT : _HEADER_AT + header_bytes].tobytes()
+        return msgspec.json.decode(text, type=Header), first
+    except msgspec.MsgspecError:
+        raise _foreign(path) from None
 
 
 def _checked_array(path: Path, pages: npt.NDArray[np.uint8], section: Section) -> npt.NDArray[Any]:

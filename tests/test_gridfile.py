@@ -7,6 +7,7 @@ import os
 import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -289,6 +290,15 @@ def test_other_versions_are_refused(file: Path, device: Device, tmp_path: Path) 
     newer = content[:8] + struct.pack("<I", gridfile.FORMAT + 1) + content[12:]
     refused(newer, tmp_path / "a", device, rf"format version {gridfile.FORMAT + 1}, and this clgrid reads")
     refused(content + b"\0", tmp_path / "a", device, "altered")
+
+
+def test_a_header_of_something_else_is_refused(device: Device, tmp_path: Path) -> None:
+    """Its checksum is right, but it says nothing of a grid."""
+    for header in (b"{}", b"[1]", b"{", b"\xff", b""):
+        start = struct.pack("<8sIIQQ", gridfile.MAGIC, gridfile.FORMAT, 0, len(header), 4096)
+        padded = header.ljust(4096 - len(start) - 4, b"\0")
+        content = start + struct.pack("<I", zlib.crc32(start + padded)) + padded
+        refused(content, tmp_path / "a", device, "not the file of a grid")
 
 
 def test_other_structs_are_refused(file: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
