@@ -19,17 +19,20 @@ if TYPE_CHECKING:
     from clgrid.errors import (
         ClgridError,
         DeviceError,
+        GridFileError,
         GridTooLargeError,
         ImageError,
         InputError,
         MeshError,
         UnsupportedError,
     )
-    from clgrid.grid import Grid, build, predict
+    from clgrid.grid import Grid, build
     from clgrid.hits import AllHits, Hits
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
+    from clgrid.prediction import predict
     from clgrid.renderer import render
+    from clgrid.saved import open_grid
     from clgrid.scene import Scene, load_scene
 
 __version__ = "0.1.0"
@@ -41,6 +44,7 @@ __all__ = [
     "Device",
     "DeviceError",
     "Grid",
+    "GridFileError",
     "GridTooLargeError",
     "Hits",
     "Image",
@@ -56,6 +60,7 @@ __all__ = [
     "devices",
     "load",
     "load_scene",
+    "open_grid",
     "predict",
     "read_image",
     "render",
@@ -76,7 +81,8 @@ _HOMES = {
     "devices": ("device", "describe_all"),
     "load": ("mesh", "load"),
     "load_scene": ("scene", "load_scene"),
-    "predict": ("grid", "predict"),
+    "open_grid": ("saved", "open_grid"),
+    "predict": ("prediction", "predict"),
     "read_image": ("image", "read_image"),
     "render": ("renderer", "render"),
     **{
@@ -84,6 +90,7 @@ _HOMES = {
         for name in (
             "ClgridError",
             "DeviceError",
+            "GridFileError",
             "GridTooLargeError",
             "ImageError",
             "InputError",

@@ -133,15 +133,23 @@ def cast_in_tiles(
 ) -> int:
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
-    tuning = tuning_of(target.device)
-    options = {**options, **tuning.defines}
-    if parts[0].lists.subgrids is None:
-        options |= tuning.turns(target.mesh.triangle_count)
+    options = tile_options(target, parts, options)
     if division.row:
         launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
         return run(target, launch, division, rays, results)
     launch = _launch(name, target, parts, {**options, "ORDERED": 1}, division, [])
     return run(target, launch, division, rays, results, lambda inputs: [_order(target, parts[0], inputs)])
+
+
+def tile_options(target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Defines:
+    """The options of a kernel that takes tiles of rays, with what is tuned for the device."""
+    tuning = tuning_of(target.device)
+    options = {**options, **tuning.defines}
+    return (
+        options
+        if parts[0].lists.subgrids is not None
+        else {**options, **tuning.turns(target.mesh.triangle_count)}
+    )
 
 
 def _launch(

@@ -75,7 +75,7 @@ class Device:
         DeviceError
             In a process forked from the one that chose the device, or if the driver refuses.
         """
-        self._refuse_fork()
+        self.refuse_fork()
         with self._lock:
             if self._context is None:
                 cl = registration.opencl()
@@ -112,7 +112,7 @@ class Device:
         DeviceError
             If it cannot, with the reason and the command that cures it.
         """
-        self._refuse_fork()
+        self.refuse_fork()
         if not self.description.fp64:
             raise DeviceError(
                 f"{self.description.label}: no double precision (cl_khr_fp64), which every rung of accuracy,"
@@ -125,8 +125,20 @@ class Device:
                     raise DeviceError(f"{self.description.label}: {outcome.reason}; {outcome.cure}")
                 self._checked = True
 
-    def _refuse_fork(self) -> None:
-        if os.getpid() != self._made_by:
+    @property
+    def is_forked(self) -> bool:
+        """Whether this process was forked from the one that chose the device."""
+        return os.getpid() != self._made_by
+
+    def refuse_fork(self) -> None:
+        """Refuse use in a process forked from the one that chose the device.
+
+        Raises
+        ------
+        DeviceError
+            There, since drivers hang in forked processes.
+        """
+        if self.is_forked:
             raise _forked()
 
 

@@ -35,6 +35,10 @@ class BufferTooLargeError(GridTooLargeError):
     """An array beyond what one buffer of the device may hold."""
 
 
+class GridFileError(ClgridError):
+    """The file of a grid that cannot be written or read, or is not as it was written."""
+
+
 class ImageError(ClgridError):
     """A picture that cannot be written or read."""
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
@@ -14,20 +16,28 @@ from clgrid.cast import GridPart
 from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
+from clgrid.layouts.lists import CellLists
+from clgrid.life import Life
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
+from clgrid.prediction import predict as predict
+from clgrid.prediction import predict_choice as predict_choice
 from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
-from clgrid.stats import GridStats, sums
+from clgrid.shown import Facts, Shown, bytes_text, counted
+from clgrid.stats import NO_STATS, GridStats, facts_of, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
 
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
 
 
-class Grid(Queries):
+class Grid(Queries, Life, Shown):
     """A grid over a mesh, on a device. Made by ``clgrid.build``.
+
+    Threads may ask it anything at once, and get the bits that one gets. ``update`` moves what they ask, so it
+    is for a time when none of them does.
 
     Attributes
     ----------
@@ -75,6 +85,31 @@ class Grid(Queries):
         """Whether rays leap over empty space."""
         return self.recipe.skipping
 
+    @classmethod
+    def rebuilt(cls, mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+        """A grid of a recipe, as ``build`` makes it once nothing is left to choose.
+
+        Raises
+        ------
+        GridTooLargeError, DeviceError
+            As of ``build``.
+        """
+        if mesh.triangle_count:
+            require_tested(device, recipe.accuracy)
+        return _made(mesh, device, recipe)
+
+    @property
+    def empty(self) -> bool:
+        """Whether the mesh has no triangles; every ray then misses."""
+        self.require_unreleased()
+        return super().empty
+
+    def _let_go(self) -> None:
+        if self.parts:
+            _ = self.stats  # which outlives the buffers
+        self.parts, self._target = [], None
+        self._allocator.drop()
+
     def _build(self) -> None:
         start = time.perf_counter()
         if self._target is None:
@@ -112,6 +147,13 @@ class Grid(Queries):
         )
         return GridPart(part, lists)
 
+    def stand_on(self, ends: Sequence[int], makers: Sequence[Callable[[Allocator], CellLists]]) -> None:
+        """Take lists made elsewhere, one a run of triangles from one of ``ends`` to the next."""
+        self._target = DeviceMesh(self.mesh, self.device, self._allocator, self.rung)
+        runs = self._target.runs(ends)
+        self.parts = [GridPart(run, make(self._allocator)) for run, make in zip(runs, makers, strict=True)]
+        self._allocator.finished = self.nbytes
+
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
         for part in self.parts:
@@ -134,6 +176,7 @@ class Grid(Queries):
         GridTooLargeError
             If the new grid would exceed a limit; there is then no grid until an update succeeds.
         """
+        self.require_here()
         moved = self.mesh.moved(vertices)
         if self.empty:
             return
@@ -144,12 +187,35 @@ class Grid(Queries):
         self._give_back()
         self._build()
 
+    def save(self, path: str | Path) -> None:
+        """Write the grid and its mesh to a file that ``clgrid.open_grid`` opens.
+
+        The same grid gives the same bytes, on any device. The file appears under its name only when complete.
+
+        Parameters
+        ----------
+        path : str or Path
+            Any name; a file that is there is replaced.
+
+        Raises
+        ------
+        GridFileError
+            If the file cannot be written; one that was there is then as it was.
+        InputError
+            If the last update failed.
+        """
+        from clgrid.saved import save
+
+        save(self, self._allocator, Path(path))
+
     @property
     def target(self) -> DeviceMesh:
         """The mesh on the device; only for a mesh that has triangles."""
-        if self._target is None:
+        target = self._target
+        self.require_here()
+        if target is None:
             raise InputError("the mesh has no triangles, so nothing of it is on a device")
-        return self._target
+        return target
 
     @property
     def standing(self) -> list[GridPart]:
@@ -158,11 +224,15 @@ class Grid(Queries):
         Raises
         ------
         InputError
-            If the last update failed.
+            If the last update failed, or the grid was released.
+        DeviceError
+            In a forked process.
         """
-        if not self.parts:
+        parts = self.parts
+        self.require_here()
+        if not parts:
             raise InputError("the last update failed, so there is no grid; update it with other vertices")
-        return self.parts
+        return parts
 
     @property
     def frame(self) -> LocalFrame:
@@ -187,26 +257,20 @@ class Grid(Queries):
     @cached_property
     def stats(self) -> GridStats:
         """Counts, bytes and seconds."""
-        if self.empty:
-            return GridStats(0, 0, 0, (0, 0, 0), 0.0, 1.0, 0, 0.0, 0, {}, 0.0, {}, 0)
-        lists, triangles = [part.lists for part in self.standing], self.mesh.triangle_count
-        cells, slots = sum(part.cell_count for part in lists), sum(part.slots for part in lists)
-        full = sum(part.full_cells for part in lists)
-        return GridStats(
-            triangles=triangles,
-            cells=cells,
-            references=sum(part.reference_count for part in lists),
-            resolution=lists[0].resolution,
-            density=cells / triangles,
-            empty_share=(cells - full) / cells,
-            slots=slots,
-            load_factor=full / slots if slots else 0.0,
-            parts=len(lists),
-            build_s=self.build_s,
-            upload_s=self.upload_s,
-            nbytes=sums([part.nbytes for part in lists]),
-            peak_nbytes=self.peak_nbytes,
-        )
+        if not self.mesh.triangle_count:
+            return NO_STATS
+        lists = [part.lists for part in self.parts or self.standing]
+        return stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
+
+    def _headline(self) -> str:
+        how = f"{self.layout}, {self.accuracy}, on {self.device.label}"
+        state = "released" if self._released else bytes_text(self.nbytes)
+        return f"over {self.mesh.source}: {counted(self.mesh.triangle_count, 'triangle')}, {how}, {state}"
+
+    def _facts(self) -> Facts:
+        # None of a grid whose last update failed.
+        stands = self.parts or self._released or not self.mesh.triangle_count
+        return facts_of(self.stats) if stands else {}
 
     def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:
         """Copies of the arrays of a part, by name, in the order of cl/lists.h.
@@ -282,11 +346,22 @@ def build(
     asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays, view)
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count:
-        tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
-        selftest.require(chosen, RUNGS[accuracy], lambda ball: _made(ball, chosen, tested))
+        require_tested(chosen, accuracy)
     grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: _made(mesh, chosen, recipe))
     grid.choice = choice
     return grid
+
+
+def require_tested(device: Device, accuracy: str) -> None:
+    """Find out, before the first grid of this accuracy on the device, that it keeps the promises.
+
+    Raises
+    ------
+    DeviceError
+        If it does not.
+    """
+    tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
+    selftest.require(device, RUNGS[accuracy], lambda ball: _made(ball, device, tested))
 
 
 def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
@@ -294,52 +369,3 @@ def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
     if mesh.triangle_count:
         grid._build()
     return grid
-
-
-def predict(
-    mesh: Mesh,
-    layout: str = "compact",
-    density: float | str = "auto",
-    resolution: tuple[int, int, int] | None = None,
-    device: Device | str | None = None,
-    max_memory: int | None = None,
-    skipping: bool | str = False,
-    rays: int = cost.DEFAULT_RAYS,
-    view: Camera | None = None,
-) -> dict[str, int]:
-    """Bytes by array of the grid that ``build`` would make, exactly, without keeping any of it.
-
-    Parameters, errors
-        As of ``build``. The mesh must fit in one part on the device.
-    """
-    return predict_choice(mesh, layout, density, resolution, device, max_memory, skipping, rays, view)[0]
-
-
-def predict_choice(
-    mesh: Mesh,
-    layout: str = "compact",
-    density: float | str = "auto",
-    resolution: tuple[int, int, int] | None = None,
-    device: Device | str | None = None,
-    max_memory: int | None = None,
-    skipping: bool | str = False,
-    rays: int = cost.DEFAULT_RAYS,
-    view: Camera | None = None,
-) -> tuple[dict[str, int], cost.Choice | None]:
-    """``predict``, with what ``Grid.choice`` would be."""
-    asked = Options(layout, density, resolution, "robust", max_memory, skipping, rays, view)
-    chosen = device if isinstance(device, Device) else choose(device)
-
-    def attempt(recipe: Recipe) -> dict[str, int]:
-        if not mesh.triangle_count:
-            return {}
-        allocator = Allocator(chosen, recipe.max_memory)
-        part = DeviceMesh(mesh, chosen, allocator).whole
-        sizes = layouts.predict(
-            chosen, allocator, part.vertices, part.faces, recipe.params(part), recipe.layout, recipe.skipping,
-            recipe.density,
-        )  # fmt: skip
-        allocator.check_arrays(sizes, f"a grid of density {recipe.density:g}")
-        return sizes
-
-    return asked.first_that_fits(mesh, chosen, attempt)

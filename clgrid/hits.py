@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from clgrid.errors import InputError
 from clgrid.mesh import Mesh
+from clgrid.shown import Facts, Shown, counted, shape_text
 
 Floats = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
@@ -51,6 +52,10 @@ def checked_fields(
         )
     counting = bool(set(COUNTERS) & set(fields))
     return tuple(name for name in known if name in fields or (name in COUNTERS and counting))
+
+
+def _range_text(t: npt.NDArray[np.float64]) -> str:
+    return f"{t.min():g} to {t.max():g}" if t.size else "none"
 
 
 class _Computed:
@@ -109,8 +114,8 @@ class _Computed:
         return batches
 
 
-@dataclass(frozen=True)
-class Hits(_Computed):
+@dataclass(frozen=True, repr=False)
+class Hits(_Computed, Shown):
     """What rays hit. Arrays have the rays' leading shape; ``hits["t_hit"]`` works too.
 
     Attributes
@@ -128,10 +133,22 @@ class Hits(_Computed):
     t_hit: npt.NDArray[np.float64]
     primitive_ids: npt.NDArray[np.int64]
     invalid_rays: int
-    mesh: Mesh = field(repr=False)
-    origins: npt.NDArray[Any] = field(repr=False)
-    directions: npt.NDArray[Any] = field(repr=False)
-    computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict, repr=False)
+    mesh: Mesh
+    origins: npt.NDArray[Any]
+    directions: npt.NDArray[Any]
+    computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def _headline(self) -> str:
+        return f"{shape_text(self.t_hit.shape, 'ray')}, {counted(int(np.count_nonzero(self.mask)), 'hit')}"
+
+    def _facts(self) -> Facts:
+        return {
+            "mesh": self.mesh.source,
+            "t_hit": _range_text(self.t_hit[self.mask]),
+            "triangles hit": f"{len(np.unique(self.primitive_ids[self.mask])):,}",
+            "invalid rays": f"{self.invalid_rays:,}",
+            "computed": ", ".join((*ALWAYS, *self.computed)),
+        }
 
     def __getitem__(self, name: str) -> Any:
         if name not in (*ALWAYS, *FIELDS, *DERIVED):
@@ -171,8 +188,8 @@ class Hits(_Computed):
         return points
 
 
-@dataclass(frozen=True)
-class AllHits(_Computed):
+@dataclass(frozen=True, repr=False)
+class AllHits(_Computed, Shown):
     """Every triangle that each ray meets: those of ray i are ray_splits[i] to ray_splits[i + 1] - 1.
 
     Attributes
@@ -193,7 +210,20 @@ class AllHits(_Computed):
     t_hit: npt.NDArray[np.float64]
     primitive_ids: npt.NDArray[np.int64]
     invalid_rays: int
-    computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict, repr=False)
+    computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def _headline(self) -> str:
+        rays = counted(len(self.ray_splits) - 1, "ray")
+        return f"{rays}, {counted(len(self.t_hit), 'hit')}"
+
+    def _facts(self) -> Facts:
+        return {
+            "t_hit": _range_text(self.t_hit),
+            "most hits of a ray": f"{int(self.counts.max(initial=0)):,}",
+            "triangles hit": f"{len(np.unique(self.primitive_ids)):,}",
+            "invalid rays": f"{self.invalid_rays:,}",
+            "computed": ", ".join((*ALWAYS, *self.computed)),
+        }
 
     def __getitem__(self, name: str) -> Any:
         if name not in ("ray_splits", "counts", "ray_ids", *ALWAYS, *ALL_FIELDS):

@@ -9,12 +9,12 @@ from clgrid import record
 from clgrid.cost import DEFAULT_RAYS, Choice
 from clgrid.device import Device
 from clgrid.frame import LocalFrame
-from clgrid.grid import predict_choice
 from clgrid.layouts import programs
 from clgrid.layouts.lists import NESTED, list_defines
 from clgrid.layouts.nested import DEFAULT_DENSITY as NESTED_DENSITY
 from clgrid.layouts.nested import top_resolution, within_nest
 from clgrid.mesh import Mesh
+from clgrid.prediction import predict_choice
 from clgrid.recipe import kinds
 from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
 from clgrid.renderer import AOVS, kernel_options

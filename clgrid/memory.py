@@ -167,6 +167,23 @@ class Allocator:
         access = cl.mem_flags.READ_WRITE if array.flags.writeable else cl.mem_flags.READ_ONLY
         return cl.Buffer(self._device.context, access | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
 
+    def adopt(self, array: npt.NDArray[Any]) -> Any:
+        """A read-write buffer that holds the array: over it where the device shares the host's memory.
+
+        The array must be C-contiguous and writeable; the buffer keeps it alive.
+
+        Raises
+        ------
+        BufferTooLargeError
+            If the array is more than one buffer of the device may be.
+        """
+        if not array.nbytes or not self._device.cl_device.host_unified_memory:
+            return self.filled(array) if array.nbytes else self.buffer(0)
+        buffer = self.share(array)
+        self.in_use += buffer.size
+        self.peak_nbytes = max(self.peak_nbytes, self.in_use)
+        return buffer
+
     def results(self, array: npt.NDArray[Any]) -> Any:
         """A buffer over the C-contiguous host array, for a kernel to write; see ``bring_home``.
 
@@ -213,6 +230,11 @@ class Allocator:
         for buffer in buffers:
             self.in_use -= buffer.size
             buffer.release()
+
+    def drop(self) -> None:
+        """Forget all buffers, spare ones too: each goes with the last that refers to it."""
+        self._spare = []
+        self.start_again()
 
     def start_again(self) -> None:
         """Forget what an abandoned build had in use: it goes with the build's own variables."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import MeshError
+from clgrid.shown import Facts, Shown, bytes_text, counted
 
 if TYPE_CHECKING:
     import trimesh
@@ -21,8 +22,8 @@ MAX_COUNT = 2**32 - 2
 """Most triangles or vertices a mesh may have: 0xffffffff is kept free as "none" in 32-bit indices."""
 
 
-@dataclass(frozen=True)
-class Mesh:
+@dataclass(frozen=True, repr=False)
+class Mesh(Shown):
     """A triangle mesh: the arrays, and nothing that a ray does not need.
 
     Attributes
@@ -88,6 +89,23 @@ class Mesh:
         from clgrid.foreign import of_trimesh
 
         return of_trimesh(source)
+
+    def _headline(self) -> str:
+        counts = f"{counted(self.triangle_count, 'triangle')}, {len(self.vertices):,} vertices"
+        return f"{self.source}: {counts}"
+
+    def _facts(self) -> Facts:
+        names = ", ".join(self.geometry_names[:_NAMES_SHOWN])
+        more = ", ..." if len(self.geometry_names) > _NAMES_SHOWN else ""
+        facts = {
+            "vertices": str(self.vertices.dtype),
+            "vertex normals": "no" if self.vertex_normals is None else "yes",
+            "geometries": f"{len(self.geometry_names):,}" + (f": {names}{more}" if names else ""),
+            "bytes": bytes_text(self.nbytes),
+        }
+        if self.triangle_count:
+            facts |= {"lowest corner": _row_text(self.bounds[0]), "highest corner": _row_text(self.bounds[1])}
+        return {**facts, **({"warnings": "; ".join(self.warnings)} if self.warnings else {})}
 
     @property
     def triangle_count(self) -> int:
@@ -173,6 +191,7 @@ class Mesh:
         return np.where(primitive_ids < 0, -1, found).astype(np.int64)
 
 
+_NAMES_SHOWN = 5
 _LONG_ROW = 256
 _CHUNK = 1 << 15
 

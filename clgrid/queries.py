@@ -5,17 +5,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid import cast as casting
+from clgrid import on_device
 from clgrid.cast import GridPart
 from clgrid.cast_all import cast_all
 from clgrid.closed import open_edges
+from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.hits import ALL_FIELDS, AllHits, Hits, checked_fields
 from clgrid.mesh import Mesh
+from clgrid.on_device import DeviceHits
 from clgrid.rays import as_bounded_rays, invalid_count
 from clgrid.rungs import Rung
 from clgrid.target import DeviceMesh
@@ -29,6 +33,7 @@ class Queries(ABC):
     """Queries of whatever has a mesh on a device and grids over its parts."""
 
     mesh: Mesh
+    device: Device
 
     @property
     @abstractmethod
@@ -89,6 +94,47 @@ class Queries(ABC):
         if self.empty:
             return casting.no_hits(self.mesh, rays, wanted, self.rung.real)
         return casting.cast_closest(self.target, self.standing, rays, wanted)
+
+    def cast_on_device(
+        self,
+        queue: Any,
+        origins: Any,
+        directions: Any,
+        t_min: npt.ArrayLike = 0.0,
+        t_max: npt.ArrayLike = np.inf,
+        fields: Sequence[str] | None = None,
+    ) -> DeviceHits:
+        """``cast`` for rays that are on the device; the hits stay there. Does not wait for them.
+
+        For rays that other kernels make, and hits that others take. On CPU devices ``cast`` copies nothing
+        either: it works on numpy's own memory, and sorts incoherent rays; here the order is the caller's.
+        Rays that run near each other are to be next to each other, or above each other in an image.
+
+        Parameters
+        ----------
+        queue : pyopencl.CommandQueue
+            Of the context of the grid's device (``grid.device.context``).
+        origins, directions : pyopencl.array.Array of (..., 3) float32 or float64
+            Both of one shape and dtype; scene units, and any length but zero.
+        t_min, t_max, fields
+            As of ``cast``: numbers, or arrays of the host.
+
+        Returns
+        -------
+        DeviceHits
+            The bits of ``cast``; ``get()`` makes Hits of it.
+
+        Raises
+        ------
+        InputError
+            If an array or the queue is of another context, or shapes, dtypes, strides or fields do not fit.
+        """
+        wanted = checked_fields(fields, self.rung.name)
+        empty = self.empty
+        rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
+        if empty:
+            return on_device.misses(self.mesh, queue, rays, wanted, self.rung)
+        return on_device.cast_closest(self.target, self.standing, queue, rays, wanted)
 
     def occluded(
         self,

@@ -32,7 +32,7 @@ def as_bounded_rays(
 ) -> Rays:
     """Rays with their interval; raises InputError as ``as_rays``."""
     o, d = as_rays(origins, directions)
-    return Rays(o, d, _as_bounds(t_min, t_max, o.shape[:-1]))
+    return Rays(o, d, as_bounds(t_min, t_max, o.shape[:-1]))
 
 
 def as_rays(
@@ -69,7 +69,7 @@ def as_rays(
     return np.ascontiguousarray(o, real), np.ascontiguousarray(d, real)
 
 
-def _as_bounds(t_min: npt.ArrayLike, t_max: npt.ArrayLike, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+def as_bounds(t_min: npt.ArrayLike, t_max: npt.ArrayLike, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """(1, 2) float64 if both are scalars, else (N, 2).
 
     Raises

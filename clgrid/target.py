@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -133,12 +135,15 @@ class DeviceMesh:
 
     def parts(self, count: int) -> list[MeshPart]:
         """The mesh in so many runs of triangles of about equal length; in one, if the count is 1."""
-        if count == 1:
+        ends = np.linspace(0, self.mesh.triangle_count, count + 1).astype(np.int64)
+        return self.runs(np.unique(ends).tolist())
+
+    def runs(self, ends: Sequence[int]) -> list[MeshPart]:
+        """The mesh in runs of triangles, each from one of the ascending numbers to the next."""
+        if len(ends) == 2:
             return [self.whole]
         self._write_local(self._local)
-        ends = np.linspace(0, self.mesh.triangle_count, count + 1).astype(np.int64)
-        pairs = zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
-        return [self._part(first, last) for first, last in pairs if last > first]
+        return [self._part(first, last) for first, last in pairwise(ends)]
 
     def _part(self, first: int, last: int) -> MeshPart:
         faces = self.mesh.faces[first:last]

@@ -111,6 +111,7 @@ def test_the_guide_has_a_page_for_each_task():
         "cast_rays",
         "devices",
         "inside_tests",
+        "keeping_grids",
         "large_meshes",
         "moving_mesh",
     }
