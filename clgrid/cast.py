@@ -206,7 +206,8 @@ def hits_of(mesh: Mesh, rays: Rays, results: Arrays, invalid: int) -> Hits:
     if "certain" in shaped:
         shaped["certain"] = shaped["certain"].astype(bool)
     t_hit, ids = shaped.pop("t_hit"), shaped.pop("primitive_ids")
-    signed = np.where(ids == NO_HIT, -1, ids.astype(np.int64))
+    signed = ids.astype(np.int64)
+    signed[ids == NO_HIT] = -1
     return Hits(t_hit, signed, invalid, mesh, rays.origins, rays.directions, shaped)
 
 

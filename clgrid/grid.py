@@ -25,10 +25,12 @@ from clgrid.prediction import predict_choice as predict_choice
 from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
-from clgrid.shown import Facts, Shown, bytes_text, counted
+from clgrid.shown import Facts, Shown, below_picture, bytes_text, counted
 from clgrid.stats import NO_STATS, GridStats, facts_of, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
 
+# Pixels of the picture in a notebook.
+_THUMBNAIL = (240, 180)
 # So many times a mesh is split for the sake of a device's largest buffer.
 _MOST_PARTS = 256
 
@@ -271,6 +273,15 @@ class Grid(Queries, Life, Shown):
         # None of a grid whose last update failed.
         stands = self.parts or self._released or not self.mesh.triangle_count
         return facts_of(self.stats) if stands else {}
+
+    def _repr_html_(self) -> str:
+        """A small picture of the mesh and a table, for notebooks."""
+        if self._released or not self.parts:
+            return super()._repr_html_()
+        from clgrid.renderer import render
+
+        picture = render(self.mesh, width=_THUMBNAIL[0], height=_THUMBNAIL[1], grid=self)
+        return below_picture(picture.png(), super()._repr_html_())
 
     def arrays(self, part: int = 0) -> dict[str, npt.NDArray[Any]]:
         """Copies of the arrays of a part, by name, in the order of cl/lists.h.

@@ -8,6 +8,7 @@ through float buffers OpenImageIO would scale them. A PNG holds the colour alone
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import ImageError
+from clgrid.shown import Facts, Shown, below_picture
 
 Attribute = str | int | float | npt.NDArray[np.float64]
 
 EXTENSIONS = (".exr", ".png")
 NO_ID = 0xFFFFFFFF
+
+# Of the metadata, what a notebook shows.
+_TOLD = ("clgrid:source", "clgrid:triangles", "clgrid:device", "clgrid:layout", "clgrid:render_s")
 
 # Name, numpy type and channel names of each group, in the order of an EXR's parts.
 _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
@@ -36,8 +41,8 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
 _OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
 
 
-@dataclass
-class Image:
+@dataclass(repr=False)
+class Image(Shown):
     """A rendered picture; row 0 is the top row.
 
     Attributes
@@ -83,6 +88,29 @@ class Image:
     def hits(self) -> int:
         """Pixels that show the mesh."""
         return int(np.count_nonzero(self.rgba[..., 3]))
+
+    def _headline(self) -> str:
+        return f"{self.width} x {self.height}, {self.hits:,} pixels show the mesh"
+
+    def _facts(self) -> Facts:
+        groups = [name for name in ("depth", "normal", "primitive_id", "steps", "t_err") if self._has(name)]
+        told = {key.removeprefix("clgrid:"): self.metadata.get(key) for key in _TOLD}
+        facts = {"groups": ", ".join(["rgba", *groups])}
+        return {**facts, **{name: str(value) for name, value in told.items() if value is not None}}
+
+    def _has(self, name: str) -> bool:
+        return getattr(self, name) is not None
+
+    def _repr_html_(self) -> str:
+        """The picture and a table, for notebooks."""
+        return below_picture(self.png(), super()._repr_html_())
+
+    def png(self) -> bytes:
+        """The colours as a PNG file, in sRGB."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "picture.png"
+            self.save(path)
+            return path.read_bytes()
 
     def save(self, path: str | Path) -> None:
         """Write to ``.exr`` or ``.png``; the file appears under its name only when complete.

@@ -67,6 +67,29 @@ class Mesh(Shown):
         validate(self)
 
     @classmethod
+    def from_arrays(cls, vertices: npt.ArrayLike, faces: npt.ArrayLike, source: str = "<arrays>") -> Mesh:
+        """A mesh of whatever numpy takes for arrays: lists, integers of any size, strided ones; copied.
+
+        Parameters
+        ----------
+        vertices : (V, 3) real
+            Scene units; float32 stays that, all else becomes float64.
+        faces : (F, 3) integer
+            Vertices of each triangle.
+        source : str
+            What messages call it.
+
+        Raises
+        ------
+        MeshError
+            If shapes or dtypes do not fit, a triangle names a missing vertex, or a vertex in use is not
+            finite.
+        """
+        from clgrid.foreign import mesh_of_arrays
+
+        return mesh_of_arrays(vertices, faces, source)
+
+    @classmethod
     def from_trimesh(cls, source: trimesh.Trimesh | trimesh.Scene) -> Mesh:
         """The triangles of a trimesh.Trimesh or trimesh.Scene, in their order; a copy, without normals.
 

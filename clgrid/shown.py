@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from html import escape
 
 Facts = dict[str, str]
@@ -29,6 +30,11 @@ class Shown:
         )
         title = f"clgrid.{type(self).__name__}: {self._headline()}"
         return f"<table><caption>{escape(title)}</caption><tbody>{rows}</tbody></table>"
+
+
+def below_picture(png: bytes, table: str) -> str:
+    """A picture, and a table below it."""
+    return f"<div><img alt='' src='data:image/png;base64,{b64encode(png).decode()}'/>{table}</div>"
 
 
 def bytes_text(nbytes: float) -> str:

@@ -15,6 +15,8 @@ _SIDE = 8
 # Rays looked at for rows, and how much farther than the median two neighbours must be for a row to end there.
 _LOOKED_AT, _JUMP = 1 << 14, 6.0
 _SHORTEST_ROW = 2 * _SIDE
+# Rows looked at, at most, for whether they run alike.
+_ROWS = 4
 # Sum of the mean steps in directions and origins along rows and across, beyond which they are no image's.
 _ALIKE = 0.2
 
@@ -76,7 +78,7 @@ def _row_of(rays: Rays) -> int:
 
 def _is_row(rays: Rays, row: int) -> bool:
     """Whether rays of a row run nearly alike, and so do those above each other."""
-    rows = max(2, _LOOKED_AT // row)
+    rows = max(2, min(_ROWS, _LOOKED_AT // row))
     spread = 0.0
     for vectors in (rays.directions, rays.origins):
         some = np.nan_to_num(vectors.reshape(-1, 3)[: rows * row].astype(np.float64), posinf=0, neginf=0)

@@ -61,11 +61,20 @@ def _parameters(descriptions: list[Description]) -> list[object]:
     return parameters
 
 
+# Platforms whose compiler takes 7 s for a kernel that casts, where others take 2: they get no thorough tests.
+SLOW_TO_COMPILE = ("Intel(R) OpenCL",)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deal thorough tests to the devices by name: each case runs on one of them."""
-    labels = [description.label for description in wanted(config) if usable(description).ok]
+    """Deal thorough tests to the devices by name, each case to one; what is the host's runs on the first."""
+    working = [description for description in wanted(config) if usable(description).ok]
+    labels = [each.label for each in working]
+    quick = [each.label for each in working if each.platform not in SLOW_TO_COMPILE] or labels
     elsewhere = [
-        item for item in items if item.get_closest_marker("thorough") and _is_elsewhere(item, labels)
+        item
+        for item in items
+        if (item.get_closest_marker("thorough") and _is_elsewhere(item, labels, quick))
+        or (item.get_closest_marker("host") and _is_elsewhere(item, labels, labels[:1]))
     ]
     if elsewhere:
         config.hook.pytest_deselected(items=elsewhere)
@@ -73,13 +82,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in left]
 
 
-def _is_elsewhere(item: pytest.Item, labels: list[str]) -> bool:
+def _is_elsewhere(item: pytest.Item, labels: list[str], among: list[str]) -> bool:
+    """Whether a case on one of the devices is dealt to another, of those among which it may be."""
     callspec = getattr(item, "callspec", None)
     label = callspec.params.get("device") if callspec is not None else None
     if label not in labels:
         return False
     case = item.nodeid.replace(str(label), "")
-    return labels.index(label) != zlib.crc32(case.encode()) % len(labels)
+    return label != among[zlib.crc32(case.encode()) % len(among)]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

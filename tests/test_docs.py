@@ -21,6 +21,8 @@ import clgrid
 from clgrid.cli import app, main
 from clgrid.device import Device
 
+pytestmark = pytest.mark.host
+
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.glob("*.md"), *DOCS.glob("guide/*.md")])

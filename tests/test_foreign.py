@@ -8,6 +8,8 @@ import pytest
 from clgrid.errors import MeshError
 from clgrid.mesh import Mesh
 
+pytestmark = pytest.mark.host
+
 trimesh = pytest.importorskip("trimesh")
 
 

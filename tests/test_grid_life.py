@@ -25,6 +25,8 @@ from clgrid.grid import Grid, build
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.mesh import Mesh
 
+pytestmark = pytest.mark.thorough
+
 RAY = ([[0.1, 0.2, 3.0]], [[0.0, 0.0, -1.0]])
 
 USES: dict[str, Callable[[Grid], object]] = {

@@ -26,6 +26,8 @@ from clgrid.grid import build
 from clgrid.layouts import ALL_LAYOUTS, LAYOUTS
 from clgrid.mesh import Mesh
 
+pytestmark = pytest.mark.thorough
+
 
 def named(mesh: Mesh) -> Mesh:
     """The mesh with normals and two geometries."""

@@ -16,6 +16,8 @@ from clgrid.grid import Grid, build
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.mesh import Mesh
 
+pytestmark = pytest.mark.thorough
+
 
 def queue_of(device: Device, **options: Any) -> Any:
     import pyopencl as cl

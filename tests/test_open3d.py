@@ -23,6 +23,8 @@ from clgrid.mesh import Mesh
 from clgrid.open3d import RaycastingScene
 from clgrid.rational import Triangles, crossings
 
+pytestmark = pytest.mark.host
+
 INVALID = 4294967295
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], np.float32), np.array([[0, 1, 2]], np.uint32)
 DTYPES = {

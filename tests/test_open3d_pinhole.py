@@ -11,6 +11,8 @@ import pytest
 from clgrid.errors import InputError
 from clgrid.open3d import RaycastingScene
 
+pytestmark = pytest.mark.host
+
 
 def a_pinhole() -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Matrices of a camera turned about two axes and off its picture's middle."""

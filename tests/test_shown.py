@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import tempfile
+from base64 import b64decode
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import OpenImageIO
 import pytest
 
 from clgrid import procedural
 from clgrid.device import Device
 from clgrid.grid import build
+from clgrid.image import to_srgb8
 from clgrid.mesh import Mesh
+from clgrid.renderer import render
 from clgrid.shown import Shown, bytes_text, shape_text
+
+pytestmark = pytest.mark.host
 
 
 def shown(thing: Shown) -> tuple[str, dict[str, str]]:
@@ -19,7 +27,9 @@ def shown(thing: Shown) -> tuple[str, dict[str, str]]:
     line, html = repr(thing), thing._repr_html_()
     assert len(line) < 160
     assert "\n" not in line
-    table = ElementTree.fromstring(html)
+    root = ElementTree.fromstring(html)
+    table = root.find("table") if root.tag == "div" else root
+    assert table is not None
     caption = table.findtext("caption")
     assert caption is not None
     assert line == f"<{caption.replace(':', '', 1)}>"
@@ -99,3 +109,33 @@ def test_numbers_are_short() -> None:
     assert [shape_text(shape, "ray") for shape in ((), (1,), (2000,), (3, 4))] == [
         "1 ray", "1 ray", "2,000 rays", "3 x 4 rays",
     ]  # fmt: skip
+
+
+def pixels_of(html: str) -> np.ndarray:
+    """The picture of a notebook's cell, as bytes of sRGB."""
+    source = ElementTree.fromstring(html).find("img").get("src")  # type: ignore[union-attr]
+    assert source is not None
+    kind, data = source.split(",", 1)
+    assert kind == "data:image/png;base64"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "cell.png"
+        path.write_bytes(b64decode(data))
+        return np.asarray(OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.UINT8))
+
+
+def test_a_picture_shows_itself(device: Device) -> None:
+    image = render(procedural.icosphere(2), width=48, height=32, aovs=("depth",), device=device)
+    line, table = shown(image)
+    assert line == f"<clgrid.Image 48 x 32, {image.hits:,} pixels show the mesh>"
+    assert table["groups"] == "rgba, depth"
+    assert table["layout"] == "compact"
+    np.testing.assert_array_equal(pixels_of(image._repr_html_()), to_srgb8(image.rgba[..., :3]))
+
+
+def test_a_grid_shows_its_mesh_while_it_lives(device: Device) -> None:
+    grid = build(procedural.icosphere(2), device=device)
+    pixels = pixels_of(grid._repr_html_())
+    assert pixels.shape == (180, 240, 3)
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 20
+    grid.release()
+    assert "<img" not in grid._repr_html_()

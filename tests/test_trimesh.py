@@ -17,6 +17,8 @@ from clgrid.errors import InputError
 from clgrid.mesh import Mesh
 from clgrid.trimesh import RayMeshIntersector
 
+pytestmark = pytest.mark.host
+
 ENGINES = ("ray_triangle", "ray_pyembree")
 NEEDS = {"ray_triangle": "rtree", "ray_pyembree": "embreex"}
 

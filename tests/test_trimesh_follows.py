@@ -16,6 +16,8 @@ from clgrid.device import Device
 from clgrid.errors import MeshError
 from clgrid.trimesh import RayMeshIntersector
 
+pytestmark = pytest.mark.host
+
 
 def test_changes_of_the_mesh_are_followed(device: Device) -> None:
     mesh = trimesh.creation.box()
