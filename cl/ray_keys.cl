@@ -4,7 +4,7 @@
 #include "rays_in.h"
 
 // Bit i of x, below 2^6, to bit 6 i.
-ulong8 spread(ulong8 x)
+ulong4 spread(ulong4 x)
 {
     x = (x | x << 20) & 0x0F00000Ful;
     x = (x | x << 10) & 0x3003003003ul;
@@ -12,9 +12,9 @@ ulong8 spread(ulong8 x)
 }
 
 // Which of 64 slabs x is in.
-ulong8 slab(float8 x, float lower, float upper)
+uint8 slab(float8 x, float lower, float upper)
 {
-    return convert_ulong8(convert_uint8(fmin(fmax((x - lower) * (64.0f / (upper - lower)), 0.0f), 63.0f)));
+    return convert_uint8(fmin(fmax((x - lower) * (64.0f / (upper - lower)), 0.0f), 63.0f));
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -43,13 +43,15 @@ __kernel void ray_keys(__constant const FrameParams *frame, __constant const Gri
             t_in = fmax(t_in, fmin(t0, t1));
             t_out = fmin(t_out, fmax(t0, t1));
         }
-        ulong8 key = convert_ulong8(major) << 36;
+        ulong4 low = convert_ulong4(major.lo) << 36, high = convert_ulong4(major.hi) << 36;
         for (int a = 0; a < 3; ++a) {
-            key |= spread(slab(o[a] + t_in * d[a], (float)grid->lower[a], (float)grid->upper[a])) << (2 * a);
-            key |= spread(slab(o[a] + t_out * d[a], (float)grid->lower[a], (float)grid->upper[a])) << (2 * a + 1);
+            const uint8 in = slab(o[a] + t_in * d[a], (float)grid->lower[a], (float)grid->upper[a]);
+            const uint8 out = slab(o[a] + t_out * d[a], (float)grid->lower[a], (float)grid->upper[a]);
+            low |= spread(convert_ulong4(in.lo)) << (2 * a) | spread(convert_ulong4(out.lo)) << (2 * a + 1);
+            high |= spread(convert_ulong4(in.hi)) << (2 * a) | spread(convert_ulong4(out.hi)) << (2 * a + 1);
         }
-        key <<= NUMBER_BITS;
+        const ulong4 halves[2] = {low, high};
         for (uint lane = 0; lane < 8 && first + lane < end; ++lane)
-            keys[first + lane] = ((ulong *)&key)[lane] | (first + lane);
+            keys[first + lane] = ((const ulong *)halves)[lane] << NUMBER_BITS | (first + lane);
     }
 }

@@ -74,6 +74,7 @@ def test_the_grid_changes_no_answer(
     assert hits.mask.any() or name == "line"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "resolution", [(1, 1, 1), (3000, 1, 1), (1, 2100, 3), (2, 1, 1100), (61, 7, 13)], ids=str
 )
@@ -178,6 +179,7 @@ def test_no_ray_escapes(name: str, device: Device) -> None:
         assert (hits.t_hit > 0).all()
 
 
+@pytest.mark.thorough
 def test_the_lowest_of_equal_triangles_wins(device: Device) -> None:
     ball = procedural.icosphere(2)
     faces = np.concatenate([ball.faces[::-1], ball.faces, ball.faces[:, [1, 2, 0]]])

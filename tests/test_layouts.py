@@ -148,6 +148,7 @@ def test_bytes_do_not_depend_on_chunks(
     assert digest(build(mesh, layout, 4, device=device)) == expected
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_positions_of_64_bits(layout: str, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, rng = procedural.icosphere(3), np.random.default_rng(4)
@@ -174,6 +175,7 @@ def limit(monkeypatch: pytest.MonkeyPatch, nbytes: int) -> None:
         monkeypatch.setattr(module, "largest_buffer", lambda device: nbytes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("largest", [100_000, 12_000])
 def test_past_the_largest_buffer_of_the_device(

@@ -100,6 +100,7 @@ def test_a_hit_where_the_interval_ends_is_found_by_a_tile(layout: str, device: D
     assert (grid.cast(*rays).mask == hits.mask).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("seed", [32, 58, 279])
 def test_a_tile_that_leaves_a_subgrid_for_one_nearer_loses_no_hit(
@@ -115,6 +116,7 @@ def test_a_tile_that_leaves_a_subgrid_for_one_nearer_loses_no_hit(
         assert_brute(mesh, device, "robust", rays, [options])
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     mesh=lattice_meshes(),

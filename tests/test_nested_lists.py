@@ -163,6 +163,7 @@ def test_updates_of_nested_grids_give_what_builds_give(layout: str, device: Devi
     assert len(seen) > 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("largest", [60_000, 25_000])
 def test_nested_grids_in_parts_change_no_query(

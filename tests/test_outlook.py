@@ -146,5 +146,6 @@ def test_a_picture_is_drawn_with_the_grid_for_its_camera(device: Device) -> None
         drawn = render(CROWDED, view, 256, 256, layout="auto", device=device)
         assert drawn.metadata["clgrid:layout"] == grid.layout
         assert drawn.metadata["clgrid:grid_bytes"] == grid.nbytes
-        layouts.add(grid.layout)
-    assert layouts == {"nested", "compact"}
+        # Whether hashed or not is a matter of the device's constants.
+        layouts.add(grid.layout.startswith("nested"))
+    assert layouts == {True, False}

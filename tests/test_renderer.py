@@ -79,6 +79,7 @@ def test_pictures_are_the_same_bits_on_every_device(all_devices, smooth):
         assert other == first
 
 
+@pytest.mark.thorough
 def test_layout_of_the_work_does_not_change_the_picture(device, monkeypatch):
     mesh = icosphere(3)
     whole = bits(render(mesh, FRONT, 50, 333, AOVS, device=device))

@@ -39,6 +39,7 @@ def assert_all(found: list[Answers], expected: Answers) -> None:
         assert [name for name in expected if each[name] != expected[name]] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", ALL_LAYOUTS)
 def test_four_threads_ask_one_grid(layout: str, device: Device) -> None:
     grid = build(procedural.icosphere(4), layout, device=device)

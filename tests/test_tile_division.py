@@ -54,6 +54,7 @@ def test_every_ray_is_in_one_work_item(row: int, count: int) -> None:
     np.testing.assert_array_equal(np.sort(rays[rays < count]), np.arange(count))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("most", [1000, 1600, 4096, 10_000])
 def test_launches_of_bounded_size_change_no_bit(
     most: int, device: Device, monkeypatch: pytest.MonkeyPatch

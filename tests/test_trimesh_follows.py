@@ -101,6 +101,12 @@ def test_trimesh_functions_take_our_rays(device: Device) -> None:
     assert len(points)
     assert mesh.contains(points).all()
     assert trimesh.ray.ray_util.contains_points(mesh.ray, [[0, 0, 0], [2, 0, 0]]).tolist() == [True, False]
+
+
+def test_thickness_takes_our_rays_where_rtree_is_installed(device: Device) -> None:
+    pytest.importorskip("rtree", reason="trimesh's own thickness needs rtree")
+    mesh = trimesh.creation.icosphere(subdivisions=2)
+    mesh.ray = intersector(mesh, device)
     thickness = trimesh.proximity.thickness(mesh, mesh.triangles_center[:5] * 0.999, method="ray")
     assert (thickness > 1.5).all()
 
