@@ -19,6 +19,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Parts of the picture along a side, in each of which what is nearer hides what is behind it by chance.
 _PARTS = 5
+# What covers a part so many times lets nothing through; at the eye itself it is beyond numbers.
+_OPAQUE = 1e3
 # Share of an area that faces a ray, by mean of all directions.
 _FACING = 0.5
 
@@ -88,6 +90,7 @@ class Outlook:
             z, part = _places(scatter.places - eye[:, None], view.forward, across, up)
             inside = np.flatnonzero(np.isfinite(z))
             hidden = _FACING * scatter.surface[inside] / (z[inside] * self.side / _PARTS) ** 2
+        hidden = np.minimum(np.nan_to_num(hidden), _OPAQUE)
         self.distances = z
         left, order, part, z = _transmitted(part[inside], z[inside], hidden, near, far)
         # How much of each gap between what is in a part, one after the other, is open.

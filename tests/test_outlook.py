@@ -118,8 +118,10 @@ def test_what_is_behind_a_wall_is_seen_less() -> None:
         Camera.look_at((1e300, 0, 0), (0, 0, 0)),
         Camera.look_at((0, 0, 0), (1, 0, 0), fov=179.999),
         Camera.look_at((0, 0, 5), (0, 0, 0), fov=1e-9),
+        Camera.look_at((1 / 3, 1 / 3, 0), (2, 1, 0)),
+        Camera.look_at((1 / 3, 1 / 3, -1e-200), (1 / 3, 1 / 3, 1)),
     ],
-    ids=["away", "far", "wide", "narrow"],
+    ids=["away", "far", "wide", "narrow", "within the surface", "as good as on it"],
 )
 @pytest.mark.parametrize("name", ["ball", "flat", "point"])
 def test_every_camera_gets_a_grid(name: str, view: Camera) -> None:
