@@ -86,6 +86,7 @@ def test_tiles_of_a_nested_grid_change_no_answer(name: str, accuracy: str, devic
         assert hits.mask.any() or name in WITHOUT_AREA
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_hit_where_the_interval_ends_is_found_by_a_tile(layout: str, device: Device) -> None:
     """What waits to be tested when nothing behind matters any more still matters."""
@@ -135,6 +136,7 @@ def test_lattice_coincidences_change_no_answer(
     assert_lossless(crowd, device, "robust", query(*rays), [options])
 
 
+@pytest.mark.thorough
 def test_teapots_in_all_places_of_a_cell(device: Device) -> None:
     """Also in the planes of cells, of all sizes, and in their corners."""
     for number, at in enumerate(np.linspace(-0.75, 0.75, 13)):
