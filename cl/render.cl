@@ -24,6 +24,12 @@
 #include "parts.h"
 #endif
 
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_nontemporal_store)
+#define WRITES_PAST_CACHES 1  // numpy's arrays and devices' buffers lie at multiples of 16 bytes
+#endif
+#endif
+
 #define TILE 8
 #define BLOCK (TILES_ALONG * TILE)
 
@@ -43,6 +49,16 @@ ulong shown_of(uint left, uint top, uint right, uint bottom)
         for (uint x = left; x < right; ++x)
             shown |= 1ul << number_in_tile(x - left, y - top);
     return shown;
+}
+
+// Past the caches, where the compiler can: they hold the grid, and a picture is not read here.
+void write_colour(float4 colour, size_t pixel, __global float *rgba)
+{
+#if WRITES_PAST_CACHES
+    __builtin_nontemporal_store(colour, (__global float4 *)rgba + pixel);
+#else
+    vstore4(colour, pixel, rgba);
+#endif
 }
 
 // The rays of the pixels from (left, top) on.
@@ -91,16 +107,38 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #endif
                      __global float *rgba)
 {
+    const float4 background = (float4)(background_r, background_g, background_b, 0.0f);
     const uint across = (camera->width + BLOCK - 1) / BLOCK;
     const uint block_x = get_global_id(0) % across * BLOCK, block_y = get_global_id(0) / across * BLOCK;
-#ifdef ALONE
-    const bool blank = false;
-#else
+#ifndef ALONE
     Way way;
     const bool blank = way_of_pixels(camera, frame, grid, block_x, first_row + block_y,
                                      min(block_x + BLOCK, camera->width) - 1,
                                      first_row + min(block_y + BLOCK, row_count) - 1, &way)
                        && passes_nothing(&way, GRID_ARGUMENTS);
+    if (blank) {
+#ifndef PARTS  // which leave what the parts before have left
+        const uint right = min(block_x + BLOCK, camera->width), bottom = min(block_y + BLOCK, row_count);
+        for (uint y = block_y; y < bottom; ++y)
+            for (uint x = block_x; x < right; ++x) {
+                const size_t at = (size_t)y * camera->width + x;
+                write_colour(background, at, rgba);
+#ifdef AOV_DEPTH
+                depth[at] = INFINITY;
+#endif
+#ifdef WITH_T_ERR
+                t_errs[at] = 0.0f;
+#endif
+#ifdef AOV_NORMAL
+                vstore3((float3)(0.0f), at, normals);
+#endif
+#ifdef AOV_ID
+                ids[at] = NO_HIT;
+#endif
+            }
+#endif
+        return;
+    }
 #endif
     Tile tiles[TILES_TOGETHER];
     for (uint number = 0; number < TILES_TOGETHER; ++number) {
@@ -108,7 +146,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
         const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
         start_tile(tile, frame, grid);
-        if (!blank && left < right && top < bottom)
+        if (left < right && top < bottom)
             load_camera_rays(tile, camera, frame, left, first_row + top);
         tile->reach &= shown_of(left, top, right, bottom);
 #ifdef PARTS
@@ -191,8 +229,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                     store_nearest(&hit, bound);
 #endif
                     const bool lit = hit.id != NO_HIT;
-                    vstore4(lit ? (float4)(lights[i], lights[i], lights[i], 1.0f)
-                                : (float4)(background_r, background_g, background_b, 0.0f), at, rgba);
+                    write_colour(lit ? (float4)(lights[i], lights[i], lights[i], 1.0f) : background, at, rgba);
 #ifdef AOV_DEPTH
                     const Ray ray = ray_of(tile, k + i);
                     depth[at] = lit ? (float)reported_t(&ray, &hit.meeting) : INFINITY;
