@@ -187,8 +187,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                 if (!all(missed)) {
                     double views[3][4];
                     camera_directions(camera, x, first_row + y, views);
-                    Vectors view = {vload4(0, views[0]), vload4(0, views[1]), vload4(0, views[2])};
-                    to_unit(&view);
+                    const Vectors view = {vload4(0, views[0]), vload4(0, views[1]), vload4(0, views[2])};
                     // Triangle 0 stands in where there is none.
                     const uint4 ids_or_0 = missed ? (uint4)(0) : found;
                     // Next to each other, pixels mostly show the same triangles where these are large.
@@ -200,6 +199,9 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                     normal = smooth_normals(vertex_normals, faces, ids_or_0, weights.u, weights.v, normal);
 #endif
                     light = headlights(&normal, &view);
+#ifdef AOV_NORMAL
+                    to_unit(&normal);
+#endif
                 }
 #endif
                 float lights[4];

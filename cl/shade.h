@@ -14,16 +14,22 @@ double4 dot_of_4(const Vectors *a, const Vectors *b)
     return (a->x * b->x + a->y * b->y) + a->z * b->z;
 }
 
+// Whether a length can be told from its square.
+long4 has_length(double4 square)
+{
+    return (square > 0.0) & (square < INFINITY);
+}
+
 // Scales the vectors to length 1, but those without a direction (zero, NaN, or beyond what a square can hold). Gives
 // which were scaled.
 long4 to_unit(Vectors *v)
 {
     const double4 square = dot_of_4(v, v);
-    const long4 sound = (square > 0.0) & (square < INFINITY);
-    const double4 length = sound ? sqrt(square) : (double4)(1.0);
-    v->x = v->x / length;
-    v->y = v->y / length;
-    v->z = v->z / length;
+    const long4 sound = has_length(square);
+    const double4 inverse = 1.0 / (sound ? sqrt(square) : (double4)(1.0));
+    v->x = v->x * inverse;
+    v->y = v->y * inverse;
+    v->z = v->z * inverse;
     return sound;
 }
 
@@ -76,8 +82,8 @@ Vectors normals_of_4(__global const float *vertex_normals, __global const uint *
                         load_normal(vertex_normals, n.z), load_normal(vertex_normals, n.w));
 }
 
-// Unit normals of four triangles, either way, but of those that have none (not `sound`). The local frame keeps
-// directions, so local vertices will do.
+// Normals of four triangles, of any length and either way, but of those that have none (not `sound`). The local frame
+// keeps directions, so local vertices will do.
 typedef struct {
     uint4 ids;
     Vectors normals;
@@ -94,11 +100,11 @@ Facing facing_of(__global const float *vertices, __global const uint *faces, uin
     const Vectors normals = {e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z, e.x * f.y - e.y * f.x};
     facing.ids = ids;
     facing.normals = normals;
-    facing.sound = to_unit(&facing.normals);
+    facing.sound = has_length(dot_of_4(&normals, &normals));
     return facing;
 }
 
-// The normals on the viewer's side; `views` are the unit directions of the rays.
+// The normals on the viewer's side; `views` are the directions of the rays. Neither need be of length 1.
 Vectors face_normals(const Facing *facing, const Vectors *views)
 {
     const Vectors own = facing->normals;
@@ -122,17 +128,22 @@ Vectors smooth_normals(__global const float *vertex_normals, __global const uint
         without = sound ? without : without + weights[k];
     }
     sum = select_vectors(sum, minus(sum), dot_of_4(&sum, &normal) < 0.0);
-    sum.x = sum.x + without * normal.x;
-    sum.y = sum.y + without * normal.y;
-    sum.z = sum.z + without * normal.z;
-    const long4 sound = to_unit(&sum);
-    return select_vectors(normal, sum, sound);
+    if (any(without != 0.0)) {
+        Vectors faces_own = normal;
+        to_unit(&faces_own);
+        sum.x = sum.x + without * faces_own.x;
+        sum.y = sum.y + without * faces_own.y;
+        sum.z = sum.z + without * faces_own.z;
+    }
+    return select_vectors(normal, sum, has_length(dot_of_4(&sum, &sum)));
 }
 
-// Light sent back to the eye: the facing ratio above the ambient share.
+// Light sent back to the eye: the facing ratio above the ambient share. Lengths do not matter: one root and one quotient
+// are a fraction of what it takes to make both vectors unit ones.
 float4 headlights(const Vectors *normals, const Vectors *views)
 {
-    const double4 facing = -dot_of_4(normals, views);
+    const double4 lengths = sqrt(dot_of_4(normals, normals) * dot_of_4(views, views));
+    const double4 facing = -dot_of_4(normals, views) / lengths;
     const double4 lit = facing > 0.0 ? facing : (double4)(0.0);
     return convert_float4(ALBEDO * (AMBIENT + (1.0 - AMBIENT) * lit));
 }

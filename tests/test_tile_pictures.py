@@ -36,11 +36,15 @@ def dot(a: F64, b: F64) -> F64:
     return np.asarray((a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2])
 
 
+def has_length(square: F64) -> npt.NDArray[np.bool_]:
+    return np.asarray((square > 0) & (square < np.inf))
+
+
 def to_unit(v: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
     """Scaled to length 1, but for those without a direction; and which were."""
     square = dot(v, v)
-    sound = (square > 0) & (square < np.inf)
-    return v / np.sqrt(np.where(sound, square, 1.0))[:, None], sound
+    sound = has_length(square)
+    return v * (1.0 / np.sqrt(np.where(sound, square, 1.0)))[:, None], sound
 
 
 def face_normals(mesh: Mesh, ids: npt.NDArray[np.int64], views: F64) -> F64:
@@ -48,7 +52,8 @@ def face_normals(mesh: Mesh, ids: npt.NDArray[np.int64], views: F64) -> F64:
     a, b, c = (local[mesh.faces[ids, k]] for k in range(3))
     e, f = b - a, c - a
     way = [e[:, i] * f[:, j] - e[:, j] * f[:, i] for i, j in ((1, 2), (2, 0), (0, 1))]
-    normal, sound = to_unit(np.stack(way, axis=-1))
+    normal = np.stack(way, axis=-1)
+    sound = has_length(dot(normal, normal))
     normal = np.where((dot(normal, views) > 0)[:, None], -normal, normal)
     return np.where(sound[:, None], normal, -views)
 
@@ -63,8 +68,8 @@ def smooth_normals(mesh: Mesh, hits: Hits, rows: npt.NDArray[np.bool_], faces: F
         total = np.where(sound[:, None], total + weight[:, None] * n, total)
         without = np.where(sound, without, without + weight)
     total = np.where((dot(total, faces) < 0)[:, None], -total, total)
-    total, sound = to_unit(total + without[:, None] * faces)
-    return np.where(sound[:, None], total, faces)
+    total = total + without[:, None] * to_unit(faces)[0]
+    return np.where(has_length(dot(total, total))[:, None], total, faces)
 
 
 def expected_picture(
@@ -74,17 +79,17 @@ def expected_picture(
     o, d = camera.rays(width, height)
     hits = brute_force(mesh, o, d, device=device, accuracy=accuracy, fields=("primitive_uvs", "t_err"))
     rows = hits.mask
-    views, _ = to_unit(d[rows])
+    views = d[rows]
     normals = face_normals(mesh, hits.primitive_ids[rows], views)
     if mesh.vertex_normals is not None:
         normals = smooth_normals(mesh, hits, rows, normals)
-    facing = -dot(normals, views)
+    facing = -dot(normals, views) / np.sqrt(dot(normals, normals) * dot(views, views))
     light = (0.8 * (0.1 + (1 - 0.1) * np.where(facing > 0, facing, 0.0))).astype(np.float32)
     rgba = np.zeros((height, width, 4), np.float32)
     rgba[..., :3] = BACKGROUND
     rgba[rows] = np.stack([light, light, light, np.ones_like(light)], axis=-1)
     normal = np.zeros((height, width, 3), np.float32)
-    normal[rows] = normals.astype(np.float32)
+    normal[rows] = to_unit(normals)[0].astype(np.float32)
     ids = np.where(rows, hits.primitive_ids, NO_ID).astype(np.uint32)
     t_err = np.where(rows, hits.t_err * (1 + 2.0**-22), 0).astype(np.float32)
     depth = hits.t_hit.astype(np.float32)
