@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -156,27 +157,20 @@ class Mesh(Shown):
             raise MeshError(
                 f"{self.source}: no triangles, so no bounds; give a mesh with at least one triangle"
             )
-        bounds = extent(self.vertices)
-        if not self._reaches(bounds):
+        bounds = at_outermost(self.vertices, self._names)
+        if bounds is None:
             bounds = extent(self.vertices[used_vertices(self)])
         bounds = bounds.astype(np.float64)
         bounds.setflags(write=False)
         return bounds
 
-    def _reaches(self, bounds: FloatArray) -> bool:
-        """Whether triangles use the vertices, or some of them, that the bounds of all vertices touch."""
-        return all(
-            self._names(_first_at(self.vertices[:, axis], bounds[side, axis]))
-            for side in range(2)
-            for axis in range(3)
-        )
-
     def _names(self, vertex: int) -> bool:
         """Whether a triangle uses the vertex: looked for first where one order of both would have it."""
-        if vertex < 0:
-            return False
-        near = max(0, vertex * len(self.faces) // len(self.vertices) - _CHUNK // 2)
-        return bool((self.faces[near : near + _CHUNK] == vertex).any() or (self.faces == vertex).any())
+        middle = vertex * len(self.faces) // len(self.vertices)
+        return any(
+            (self.faces[max(0, middle - width) : middle + width] == vertex).any()
+            for width in (_FEW, _MANY, len(self.faces))
+        )
 
     def moved(self, vertices: FloatArray) -> Mesh:
         """The mesh with other positions, and without its vertex normals, which were of the old shape.
@@ -195,7 +189,14 @@ class Mesh(Shown):
             raise MeshError(
                 f"{self.source}: moved vertices have shape {np.shape(vertices)}; give {self.vertices.shape}"
             )
-        return replace(self, vertices=vertices, vertex_normals=None)
+        # Not by replace: faces and geometries need no second look.
+        other = object.__new__(Mesh)
+        fields = ("faces", "geometry_starts", "geometry_names", "source", "warnings")
+        values = {name: getattr(self, name) for name in fields}
+        other.__dict__.update(vertices=vertices, vertex_normals=None, **values)
+        _validate_layout(other)
+        _validate_finite(other)
+        return other
 
     def geometry_ids(self, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Geometry of each triangle id; -1 stays -1.
@@ -216,29 +217,35 @@ class Mesh(Shown):
 
 _NAMES_SHOWN = 5
 _LONG_ROW = 256
-_CHUNK = 1 << 15
+_FEW, _MANY = 1 << 10, 1 << 14  # triangles to each side
 
 
 def extent(points: FloatArray) -> FloatArray:
     """(2, 3): least and greatest coordinates of (N, 3) points, N at least 1; NaN where one is."""
+    bounds = at_outermost(points, lambda point: True)
+    assert bounds is not None
+    return bounds
+
+
+def at_outermost(points: FloatArray, counts: Callable[[int], bool]) -> FloatArray | None:
+    """``extent``, or None if a point that it is of does not count, though another may be as far out."""
     # Long rows: numpy reduces rows of three numbers one number at a time, which takes ten times as long.
     whole = len(points) // _LONG_ROW * _LONG_ROW
-    long, rest = points[:whole].reshape(-1, 3 * _LONG_ROW), points[whole:]
-    return np.stack(
-        [
-            ends(np.concatenate([ends(long, axis=0).reshape(-1, 3), rest]) if whole else rest, axis=0)
-            for ends in (np.min, np.max)
-        ]
-    )
-
-
-def _first_at(column: FloatArray, value: float) -> int:
-    """Index of the first number that equals the value; -1 if none does."""
-    for start in range(0, len(column), _CHUNK):
-        found = column[start : start + _CHUNK] == value
-        if found.any():
-            return start + int(found.argmax())
-    return -1
+    long = points[:whole].reshape(-1, 3 * _LONG_ROW)
+    bounds = np.empty((2, 3), points.dtype)
+    for side, (end, at_end) in enumerate(((np.min, np.argmin), (np.max, np.argmax))):
+        places = at_end((end(long, axis=0) if whole else points).reshape(-1, 3), axis=0).tolist()
+        if whole:
+            rows = [int(at_end(long[:, 3 * place + axis])) for axis, place in enumerate(places)]
+            places = [row * _LONG_ROW + place for row, place in zip(rows, places, strict=True)]
+        if 0 < whole < len(points):
+            others = (at_end(points[whole:], axis=0) + whole).tolist()
+            both = np.stack([points[places, (0, 1, 2)], points[others, (0, 1, 2)]])
+            places = np.choose(at_end(both, axis=0), (places, others)).tolist()
+        if not all(map(counts, places)):
+            return None
+        bounds[side] = points[places, (0, 1, 2)]
+    return bounds
 
 
 def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:

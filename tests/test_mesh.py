@@ -7,7 +7,7 @@ import pytest
 
 import clgrid.mesh
 from clgrid.errors import MeshError
-from clgrid.mesh import Mesh
+from clgrid.mesh import Mesh, extent
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
@@ -28,6 +28,34 @@ def test_bounds_are_of_used_vertices_only() -> None:
     assert bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
     with pytest.raises(ValueError, match="read-only"):
         bounds[0, 0] = 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 255, 256, 257, 511, 512, 513, 5000])
+def test_bounds_of_any_number_of_vertices(count: int) -> None:
+    """Of few different numbers, so that several vertices are outermost; some not in use, some NaN."""
+    rng = np.random.default_rng(count)
+    for dtype in (np.float32, np.float64, np.float32, np.float64):
+        points = rng.integers(-9, 9, (count, 3)).astype(dtype)
+        np.testing.assert_array_equal(extent(points), [points.min(axis=0), points.max(axis=0)])
+        points[rng.integers(count), rng.integers(3)] = np.nan
+        np.testing.assert_array_equal(extent(points), [points.min(axis=0), points.max(axis=0)])
+        faces = rng.integers(count, size=(count // 4 + 1, 3)).astype(np.uint32)
+        faces = faces[~np.isnan(points[faces]).any(axis=(1, 2))]
+        if len(faces):
+            used = points[np.unique(faces)]
+            np.testing.assert_array_equal(Mesh(points, faces).bounds, [used.min(axis=0), used.max(axis=0)])
+
+
+def test_a_moved_mesh_is_checked_as_a_new_one() -> None:
+    mesh = Mesh(SQUARE, FACES, np.ones((4, 3), np.float32), source="m", warnings=("w",))
+    assert mesh.bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
+    moved = mesh.moved(SQUARE * np.float32(2))
+    assert moved.bounds.tolist() == [[0, 0, 0], [2, 2, 0]]
+    assert (moved.vertex_normals, moved.source, moved.warnings) == (None, "m", ("w",))
+    assert (moved.faces is mesh.faces, moved.geometry_names) == (True, ("",))
+    for bad, message in ((np.full_like(SQUARE, np.nan), "NaN"), (SQUARE.astype(np.int64), "dtype int64")):
+        with pytest.raises(MeshError, match=message):
+            mesh.moved(bad)
 
 
 def test_bounds_of_nothing_are_refused() -> None:
