@@ -72,9 +72,7 @@ def read_statements(path: Path, shelf: Shelf) -> dict[str, Statement]:
             found.setdefault(current.name, current)
         elif key and not key.startswith("#"):
             try:
-                _take(
-                    current, key.lower(), rest.split("#", 1)[0].strip() if "map" not in key else rest.strip()
-                )
+                _take(current, key.lower(), rest.strip())
             except ValueError:
                 shelf.warn(f"left out: lines of {path.name!r} that are not understood, such as {key[:20]!r}")
     return found
@@ -100,7 +98,8 @@ def _take(into: Statement, key: str, rest: str) -> None:
     elif key == "d":
         into.alpha = _share(rest.removeprefix("-halo"))
     elif key == "tr":
-        into.alpha = 1.0 - _share(rest)
+        # by the specification 1 lets all through, which nobody means: older exporters write it for opaque
+        into.alpha = 1.0 - _share(rest) if _share(rest) < 1 else 1.0
     elif key == "map_kd":
         into.colour_map = _map(rest)
     elif key == "map_ke":
@@ -111,14 +110,14 @@ def _take(into: Statement, key: str, rest: str) -> None:
 
 def _colour(rest: str) -> tuple[float, float, float]:
     """Three numbers, or one for all three; spectral curves are none."""
-    values = [float(word) for word in rest.split()]
+    values = [float(word) for word in rest.split("#")[0].split()]
     if len(values) not in (1, 3) or not all(math.isfinite(value) and value >= 0 for value in values):
         raise ValueError
     return (values[0], values[-2 % len(values)], values[-1])
 
 
 def _share(rest: str) -> float:
-    value = float(rest)
+    value = float(rest.split("#")[0])
     if not math.isfinite(value):
         raise ValueError
     return min(max(value, 0.0), 1.0)
@@ -139,12 +138,15 @@ def _map(rest: str) -> Map:
                 except ValueError:
                     break
                 words = after
+            if not values:
+                raise ValueError
             pair = (values[0], values[1] if len(values) > 1 else (1.0 if option == "-s" else 0.0))
             if not np.isfinite(pair).all():
                 raise ValueError
-            found = replace(
-                found, **({"scale": pair} if option == "-s" else {"offset": pair} if option == "-o" else {})
-            )
+            if option == "-s":
+                found = replace(found, scale=pair)
+            elif option == "-o":
+                found = replace(found, offset=pair)
         elif option in _OPTIONS:
             values_of = words.split(None, _OPTIONS[option])
             if len(values_of) <= _OPTIONS[option]:
@@ -192,12 +194,8 @@ def _base(statement: Statement, folder: Path, shelf: Shelf) -> tuple[TextureUse 
     alpha = _pixels(mask, folder, shelf)
     base = None if colour is None else _pixels(colour, folder, shelf)
     same = colour is None or (colour.scale, colour.offset) == (mask.scale, mask.offset)
-    if (
-        isinstance(alpha, str)
-        or isinstance(base, str)
-        or not same
-        or (base is not None and base.shape != alpha.shape)
-    ):
+    fits = base is None or (not isinstance(base, str) and base.shape == np.shape(alpha))
+    if isinstance(alpha, str) or isinstance(base, str) or not (same and fits):
         why = alpha if isinstance(alpha, str) else "does not fit its colours"
         shelf.warn(f"left out: mask {mask.name!r}, which {why}")
         return _use(colour, folder, shelf, MAGENTA), False
