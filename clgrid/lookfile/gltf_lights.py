@@ -29,8 +29,8 @@ class Notes(Protocol):
         """Note something."""
 
 
-def lights_of(gltf: Gltf, placed: list[Placed], notes: Notes) -> tuple[Light, ...]:
-    """Lights in the order of the nodes that hold them, in scene axes.
+def lights_of(gltf: Gltf, placed: list[Placed], notes: Notes | None = None) -> tuple[Light, ...]:
+    """Lights in the order of the nodes that hold them, in scene axes; without ``notes`` none is warned of.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def lights_of(gltf: Gltf, placed: list[Placed], notes: Notes) -> tuple[Light, ..
     return tuple(found)
 
 
-def _light(record: LightRecord, placed: Placed, notes: Notes) -> Light | None:
+def _light(record: LightRecord, placed: Placed, notes: Notes | None) -> Light | None:
     """None, and a warning, for a light of which no sense can be made."""
     name = placed.node.name or record.name
     kind = _KINDS.get(record.type)
@@ -59,10 +59,10 @@ def _light(record: LightRecord, placed: Placed, notes: Notes) -> Light | None:
     colour = record.color or [1.0, 1.0, 1.0]
     numbers = [*position, *colour, record.intensity]
     if kind is None or not np.isfinite(numbers).all() or min(*colour, record.intensity) < 0:
-        notes.warn(f"left out: light {name!r} of type {record.type[:20]!r}, which is unknown or not finite")
+        _leave_out(notes, f"{name!r} of type {record.type[:20]!r}, which is unknown or not finite")
         return None
     if direction is None and kind != "point":
-        notes.warn(f"left out: light {name!r}, whose node has no direction")
+        _leave_out(notes, f"{name!r}, whose node has no direction")
         return None
     spot = record.spot or Spot()
     outer = _within(spot.outer_cone_angle, math.pi / 2, math.pi / 4)
@@ -78,6 +78,11 @@ def _light(record: LightRecord, placed: Placed, notes: Notes) -> Light | None:
         outer_cone=outer,
         name=name,
     )
+
+
+def _leave_out(notes: Notes | None, what: str) -> None:
+    if notes is not None:
+        notes.warn(f"left out: light {what}")
 
 
 def _within(angle: float, most: float, usual: float) -> float:

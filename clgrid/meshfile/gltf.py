@@ -59,7 +59,7 @@ def _flattened(drawn: Drawn, warnings: tuple[str, ...]) -> Parts:
     for row in rows:
         world, piece = row.draw.placed.world, row.piece
         if row.first:
-            place_points(row, row.draw, drawn.accessors, vertices[row.vertices])
+            place_points(row, drawn.accessors, vertices[row.vertices])
             if normals is not None and piece.normals is not None:
                 turned = morphed(piece.normals, "NORMAL", piece, row.draw.weights, drawn.accessors)
                 _move_normals(turned, world, normals[row.vertices])
@@ -71,9 +71,9 @@ def _flattened(drawn: Drawn, warnings: tuple[str, ...]) -> Parts:
     return Parts(vertices, faces, normals, starts, names, warnings=warnings, untyped=doubles)
 
 
-def place_points(row: Rows, draw: Draw, accessors: Accessors, out: npt.NDArray[np.floating]) -> None:
-    """Write the positions of a piece as a draw places and morphs it into ``out``."""
-    piece = row.piece
+def place_points(row: Rows, accessors: Accessors, out: npt.NDArray[np.floating]) -> None:
+    """Write the positions of a piece, as its draw morphs and places it, into ``out``."""
+    piece, draw = row.piece, row.draw
     _move_points(morphed(piece.positions, "POSITION", piece, draw.weights, accessors), draw.placed.world, out)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +133,18 @@ def draw_file(data: Content, path: Path) -> Drawn:
             draws.append(Draw(placed, name, cache[number], weights_of(placed.node, gltf)))
     lines = tuple(f"{what} ({count})" for what, count in warnings.items())
     return Drawn(document, accessors, placed_all, draws, lines)
+
+
+def redrawn(drawn: Drawn, placed: list[Placed]) -> Drawn:
+    """The same draws with their nodes placed elsewhere; ``placed`` holds the same nodes in the same order."""
+    gltf = drawn.document.gltf
+    by_number = {each.number: each for each in placed}
+    draws = [
+        replace(draw, placed=place, weights=weights_of(place.node, gltf))
+        for draw in drawn.draws
+        for place in [by_number.get(draw.placed.number, draw.placed)]
+    ]
+    return replace(drawn, placed=placed, draws=draws)
 
 
 def weights_of(node: Node, gltf: Gltf) -> list[float]:
