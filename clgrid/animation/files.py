@@ -68,11 +68,11 @@ class FileFrames(Frames):
     """Frames that are files each; triangles may be others in each, so that each is a scene of its own."""
 
     topology_changes = True
-    cameras_move = True
 
     def __init__(self, base: Scene, files: Sequence[Path], fps: float) -> None:
         super().__init__(base, str(base.frames_from), even_times(len(files), fps))
         self.files = tuple(files)
+        self.cameras_move = any(_suffix(path) in (".glb", ".gltf") for path in files)
 
     def mesh(self, k: int) -> Mesh:
         """The mesh of file ``k``."""

@@ -100,8 +100,9 @@ class NodeFrames(Frames):
     def vertices(self, k: int) -> FloatArray:
         """(V, 3) positions of frame ``k``, of the dtype of the scene's mesh."""
         vertices = self.base.mesh.vertices.copy()
+        placed = self._placed(k)
         with named_errors(self._drawn.document.path):
-            moved = redrawn(self._drawn, self._placed(k))
+            moved = redrawn(self._drawn, placed)
             for before, after in zip(self._drawn.rows(), moved.rows(), strict=True):
                 if after.first and after.vertices.stop <= len(vertices) and _differ(before.draw, after.draw):
                     place_points(after, self._drawn.accessors, vertices[after.vertices])
@@ -115,20 +116,26 @@ class NodeFrames(Frames):
         if look is None or not look.lights:
             self.checked(k)
             return look
-        with named_errors(self._drawn.document.path):
-            return replace(look, lights=lights_of(self._drawn.document.gltf, self._placed(k)))
+        return replace(look, lights=lights_of(self._drawn.document.gltf, self._placed(k)))
 
     def cameras(self, k: int) -> tuple[Camera, ...]:
         """The cameras of frame ``k``."""
         from clgrid.scene import camera_of
 
-        with named_errors(self._drawn.document.path):
-            found = cameras_of(self._drawn.document.gltf, self._placed(k))
+        found = cameras_of(self._drawn.document.gltf, self._placed(k))
         return tuple(camera_of(each) for each in found)
 
     def _placed(self, k: int) -> list[Placed]:
-        gltf = self._drawn.document.gltf
-        return placed_nodes(gltf, posed(gltf, self._tracks, float(self.times[self.checked(k)])))
+        """Nodes of frame ``k``, in the order of the file's own.
+
+        Raises
+        ------
+        MeshError
+            If the animation leaves a node without a place, such as by a rotation of length 0.
+        """
+        gltf, time = self._drawn.document.gltf, float(self.times[self.checked(k)])
+        with named_errors(self._drawn.document.path):
+            return placed_nodes(gltf, posed(gltf, self._tracks, time))
 
 
 def _differ(one: Draw, other: Draw) -> bool:

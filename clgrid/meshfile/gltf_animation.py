@@ -83,7 +83,8 @@ def tracks_of(gltf: Gltf, animation: Animation, accessors: Accessors) -> tuple[l
         if node is None or path not in (*_WIDTHS, "weights"):
             left_out += 1
             continue
-        width = _WIDTHS.get(path) or _target_count(gltf, at(gltf.nodes, node, "node", where))
+        target = at(gltf.nodes, node, "node", where)
+        width = _WIDTHS.get(path) or _target_count(gltf, target)
         if width:
             found.append(_track(node, path, width, sampler, accessors, where))
         else:
