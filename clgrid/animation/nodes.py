@@ -140,4 +140,10 @@ class NodeFrames(Frames):
 
 def _differ(one: Draw, other: Draw) -> bool:
     """Whether a draw is placed, turned or morphed otherwise."""
+    if (
+        one.pose is not None
+        and other.pose is not None
+        and not np.array_equal(one.pose.joints, other.pose.joints)
+    ):
+        return True
     return one.weights != other.weights or not np.array_equal(one.placed.world, other.placed.world)

@@ -18,13 +18,14 @@ from clgrid.meshfile.content import Content
 from clgrid.meshfile.gltf_accessors import Accessors
 from clgrid.meshfile.gltf_draws import Draw, Drawn, Rows, draw_file, morphed
 from clgrid.meshfile.gltf_nodes import Matrix
+from clgrid.meshfile.gltf_skins import matrices, skinned_normals, skinned_points
 from clgrid.meshfile.parts import Parts, empty
 
 
 def parse(data: Content, path: Path) -> Parts:
     """Read a glTF or GLB file: one geometry a primitive and node, transformed in float64.
 
-    Vertices stay float32 where no node moves anything. Triangles of a mirroring node are turned, as glTF
+    Morph targets and skins are applied as the file has them at rest. Vertices stay float32 where nothing moves them. Triangles of a mirroring node are turned, as glTF
     asks, so that their front stays their front. Textures are not opened.
 
     Raises
@@ -57,14 +58,13 @@ def _flattened(drawn: Drawn, warnings: tuple[str, ...]) -> Parts:
     normals = np.zeros((vertex_count, 3), np.float32) if with_normals else None
     faces = np.empty((face_count, 3), np.uint32)
     for row in rows:
-        world, piece = row.draw.placed.world, row.piece
+        piece = row.piece
         if row.first:
             place_points(row, drawn.accessors, vertices[row.vertices])
-            if normals is not None and piece.normals is not None:
-                turned = morphed(piece.normals, "NORMAL", piece, row.draw.weights, drawn.accessors)
-                _move_normals(turned, world, normals[row.vertices])
+            if normals is not None:
+                _place_normals(row, drawn.accessors, normals[row.vertices])
         target = faces[row.faces]
-        target[:] = piece.triangles[:, [0, 2, 1]] if _orientation(world) < 0 else piece.triangles
+        target[:] = piece.triangles[:, [0, 2, 1]] if _turned(row) else piece.triangles
         target += np.uint32(row.vertices.start)
     starts = np.array([0, *(row.faces.stop for row in rows)], np.int64)
     names = tuple(row.draw.name for row in rows)
@@ -74,12 +74,38 @@ def _flattened(drawn: Drawn, warnings: tuple[str, ...]) -> Parts:
 def place_points(row: Rows, accessors: Accessors, out: npt.NDArray[np.floating]) -> None:
     """Write the positions of a piece, as its draw morphs and places it, into ``out``."""
     piece, draw = row.piece, row.draw
-    _move_points(morphed(piece.positions, "POSITION", piece, draw.weights, accessors), draw.placed.world, out)
+    positions = morphed(piece.positions, "POSITION", piece, draw.weights, accessors)
+    pose = draw.skins(piece)
+    if pose is None:
+        _move_points(positions, draw.placed.world, out)
+        return
+    moves = matrices(pose, piece.primitive, len(positions), accessors, piece.where)
+    with np.errstate(over="ignore"):
+        out[:] = skinned_points(positions, moves)
+
+
+def _place_normals(row: Rows, accessors: Accessors, out: npt.NDArray[np.float32]) -> None:
+    """Write the normals of a piece, as `place_points` does its positions."""
+    piece, draw = row.piece, row.draw
+    if piece.normals is None:
+        return
+    normals = morphed(piece.normals, "NORMAL", piece, draw.weights, accessors)
+    pose = draw.skins(piece)
+    if pose is None:
+        _move_normals(normals, draw.placed.world, out)
+    else:
+        moves = matrices(pose, piece.primitive, len(normals), accessors, piece.where)
+        out[:] = skinned_normals(normals, moves)
+
+
+def _turned(row: Rows) -> bool:
+    """Whether the triangles of a piece are mirrored by its node; a skin's joints are taken not to mirror."""
+    return row.draw.skins(row.piece) is None and _orientation(row.draw.placed.world) < 0
 
 
 def _moves(draw: Draw) -> bool:
     """Whether positions are not those of the file."""
-    return any(draw.weights) or not np.array_equal(draw.placed.world, np.eye(4))
+    return draw.pose is not None or any(draw.weights) or not np.array_equal(draw.placed.world, np.eye(4))
 
 
 def _require_possible(vertices: int, faces: int, vertex_bytes: int) -> None:

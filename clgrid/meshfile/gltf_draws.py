@@ -15,6 +15,7 @@ from clgrid.meshfile.gltf_accessors import Accessors, at
 from clgrid.meshfile.gltf_document import UNREADABLE, Document, open_document
 from clgrid.meshfile.gltf_nodes import Placed, placed_nodes
 from clgrid.meshfile.gltf_schema import Gltf, Node, Primitive
+from clgrid.meshfile.gltf_skins import Pose, is_skinned, pose_of
 from clgrid.meshfile.polygons import IntArray, fan, strips
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -53,12 +54,17 @@ class Piece:
 
 @dataclass(frozen=True)
 class Draw:
-    """The pieces of one node, and the weights of their morph targets."""
+    """The pieces of one node, the weights of their morph targets, and the pose of its skin if it has one."""
 
     placed: Placed
     name: str
     pieces: list[Piece]
     weights: list[float]
+    pose: Pose | None = None
+
+    def skins(self, piece: Piece) -> Pose | None:
+        """The pose that a piece follows in place of its node."""
+        return self.pose if is_skinned(piece.primitive) else None
 
 
 @dataclass(frozen=True)
@@ -130,9 +136,15 @@ def draw_file(data: Content, path: Path) -> Drawn:
                 cache[number] = _pieces(gltf, number, accessors, warnings)
             _note_left_out(placed.node, warnings)
             name = placed.node.name or record.name
-            draws.append(Draw(placed, name, cache[number], weights_of(placed.node, gltf)))
+            weights = weights_of(placed.node, gltf)
+            pose = _pose(placed.node, gltf, placed_all, accessors)
+            draws.append(Draw(placed, name, cache[number], weights, pose))
     lines = tuple(f"{what} ({count})" for what, count in warnings.items())
     return Drawn(document, accessors, placed_all, draws, lines)
+
+
+def _pose(node: Node, gltf: Gltf, placed: list[Placed], accessors: Accessors) -> Pose | None:
+    return None if node.skin is None else pose_of(gltf, node.skin, placed, accessors)
 
 
 def redrawn(drawn: Drawn, placed: list[Placed]) -> Drawn:
@@ -140,7 +152,12 @@ def redrawn(drawn: Drawn, placed: list[Placed]) -> Drawn:
     gltf = drawn.document.gltf
     by_number = {each.number: each for each in placed}
     draws = [
-        replace(draw, placed=place, weights=weights_of(place.node, gltf))
+        replace(
+            draw,
+            placed=place,
+            weights=weights_of(place.node, gltf),
+            pose=_pose(place.node, gltf, placed, drawn.accessors),
+        )
         for draw in drawn.draws
         for place in [by_number.get(draw.placed.number, draw.placed)]
     ]
@@ -185,13 +202,9 @@ def _placed(gltf: Gltf) -> list[Placed]:
 
 def _note_left_out(node: Node, warnings: dict[str, int]) -> None:
     """Count what would change the shape and is not applied."""
-    left_out = {
-        "skinned meshes are shown unposed": node.skin is not None,
-        "nodes are shown once and not instanced": not UNREADABLE.isdisjoint(node.extensions),
-    }
-    for what, present in left_out.items():
-        if present:
-            warnings[what] = warnings.get(what, 0) + 1
+    if not UNREADABLE.isdisjoint(node.extensions):
+        what = "nodes are shown once and not instanced"
+        warnings[what] = warnings.get(what, 0) + 1
 
 
 def _pieces(gltf: Gltf, number: int, accessors: Accessors, warnings: dict[str, int]) -> list[Piece]:
