@@ -25,8 +25,9 @@ from clgrid.meshfile.parts import Parts, empty
 def parse(data: Content, path: Path) -> Parts:
     """Read a glTF or GLB file: one geometry a primitive and node, transformed in float64.
 
-    Morph targets and skins are applied as the file has them at rest. Vertices stay float32 where nothing moves them. Triangles of a mirroring node are turned, as glTF
-    asks, so that their front stays their front. Textures are not opened.
+    Morph targets and skins are applied as the file has them at rest. Vertices stay float32 where nothing
+    moves them. Triangles of a mirroring node are turned, as glTF asks, so that their front stays their front.
+    Textures are not opened.
 
     Raises
     ------
