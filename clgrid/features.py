@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from clgrid.features_record import FeaturesRecord, FramesFound, LightFound, TextureFound, UvFound
 from clgrid.look import Look, TextureUse
-from clgrid.record import FeaturesRecord, FramesFound, LightFound, TextureFound, UvFound
 from clgrid.scene import Scene, gltf_cameras
 
 

@@ -12,7 +12,8 @@ from clgrid.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from clgrid.record import ExplainRecord, FeaturesRecord, InfoRecord
+    from clgrid.features_record import FeaturesRecord
+    from clgrid.record import ExplainRecord, InfoRecord
 
 _DEFAULT_LAYOUT = "compact"
 
