@@ -11,9 +11,11 @@ import numpy.typing as npt
 from gltf_files import GltfFile
 from pictures import CORNERS, png
 
+from clgrid.animation import Frames
 from clgrid.look import Look
 from clgrid.lookfile import read_look
 from clgrid.mesh import Mesh, load
+from clgrid.scene import Scene, load_scene
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 SQUARE_FACES = np.array([0, 1, 2, 0, 2, 3], np.uint16)
@@ -115,3 +117,27 @@ def texel(mesh: Mesh, look: Look, face: int, weights: npt.ArrayLike = (1 / 3, 1 
     height, width = pixels.shape[:2]
     found: list[int] = pixels[int(np.floor(v * height)) % height, int(np.floor(u * width)) % width].tolist()
     return found
+
+
+def animate(file: GltfFile, *channels: Any, name: str = "", **members: Any) -> GltfFile:
+    """Add an animation of (node, path, times, values, interpolation)."""
+    animation: dict[str, Any] = {"name": name, "channels": [], "samplers": [], **members}
+    for node, path, times, values, interpolation in channels:
+        animation["samplers"].append(
+            {
+                "input": file.accessor(np.array(times, np.float32)),
+                "output": file.accessor(np.array(values, np.float32)),
+                "interpolation": interpolation,
+            }
+        )
+        sampler = len(animation["samplers"]) - 1
+        animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
+    file.json.setdefault("animations", []).append(animation)
+    return file
+
+
+def frames_of(file: GltfFile, path: Path, **options: Any) -> tuple[Scene, Frames]:
+    """The scene of a file that moves, and its frames."""
+    scene = load_scene(file.write_glb(path), **options)
+    assert scene.frames is not None
+    return scene, scene.frames

@@ -10,7 +10,7 @@ from gltf_files import TETRAHEDRON, GltfFile, tetrahedron
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from look_files import BASE, square, textured
+from look_files import BASE, animate, frames_of, square, textured
 from scenes import scene as shared_scene
 
 from clgrid.errors import InputError, MeshError
@@ -21,29 +21,6 @@ from clgrid.scene import load_scene
 pytestmark = pytest.mark.host
 
 HALF = math.sqrt(0.5)
-
-
-def animate(file, *channels, name="", **members):
-    """Add an animation of (node, path, times, values, interpolation)."""
-    animation = {"name": name, "channels": [], "samplers": [], **members}
-    for node, path, times, values, interpolation in channels:
-        animation["samplers"].append(
-            {
-                "input": file.accessor(np.array(times, np.float32)),
-                "output": file.accessor(np.array(values, np.float32)),
-                "interpolation": interpolation,
-            }
-        )
-        sampler = len(animation["samplers"]) - 1
-        animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
-    file.json.setdefault("animations", []).append(animation)
-    return file
-
-
-def frames_of(file, path, **options):
-    scene = load_scene(file.write_glb(path), **options)
-    assert scene.frames is not None
-    return scene, scene.frames
 
 
 def test_translations_move_in_a_straight_line_and_end_at_the_last_keyframe(tmp_path):

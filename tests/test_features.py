@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from look_files import BASE, SQUARE_UV, data_uri, square, textured
+from look_files import BASE, SQUARE_UV, animate, data_uri, square, textured
 from pictures import CORNERS, png
 from scenes import scene as shared_scene
-from test_animation import animate
 
 from clgrid.cli import main
 from clgrid.features import features, look_bytes

@@ -6,9 +6,8 @@ import json
 import random
 
 import pytest
-from look_files import BASE, SQUARE_UV, check_shapes, square, textured
+from look_files import BASE, SQUARE_UV, animate, check_shapes, square, textured
 from scenes import manifest, shared_file
-from test_animation import animate
 
 from clgrid.errors import ClgridError
 from clgrid.scene import load_scene

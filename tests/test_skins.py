@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TETRAHEDRON_NORMALS, GltfFile, refused, translated
-from test_animation import animate, frames_of
+from look_files import animate, frames_of
 
 from clgrid.mesh import load
 
