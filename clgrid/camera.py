@@ -141,6 +141,7 @@ class Camera:
         right: int = 1,
         forward: int = -1,
         name: str = "",
+        orthographic_height: float | None = None,
     ) -> Camera:
         """Camera from a camera-to-world matrix (column vectors); its scale is dropped.
 
@@ -155,6 +156,8 @@ class Camera:
             glTF (1, -1), pbrt (1, 1), Mitsuba (-1, 1).
         name : str
             Name of the camera.
+        orthographic_height : float, optional
+            Height of the picture in scene units, for parallel rays.
 
         Raises
         ------
@@ -167,7 +170,8 @@ class Camera:
         x, y, z = (_unit(column) for column in matrix[:3, :3].T)
         if x is None or y is None or z is None:
             raise InputError(f"camera {name!r}: its matrix has an axis of length zero; correct the file")
-        return Camera(matrix[:3, 3].copy(), right * x, y, forward * z, fov, fov_axis, name)
+        axes = (right * x, y, forward * z)
+        return Camera(matrix[:3, 3].copy(), *axes, fov, fov_axis, name, orthographic_height)
 
     def steps(self, width: int, height: int) -> tuple[Vector, Vector]:
         """Change of direction, or of origin, from a pixel to its right and to its lower neighbour.

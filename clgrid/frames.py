@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import gzip
 import time
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid import record
+from clgrid.animation.vertices import Positions, read_frames
 from clgrid.bench import Work, load_timed
 from clgrid.camera import Camera
 from clgrid.device import Device
@@ -24,65 +22,8 @@ from clgrid.record import FrameMedians, FrameRow, FramesRecord
 from clgrid.renderer import render
 from clgrid.scene import Scene, up_axis
 
-Frames = npt.NDArray[np.float32]
 
-
-def read_frames(path: Path, mesh: Mesh) -> Frames:
-    """Read the vertices of each frame of a moving mesh.
-
-    Parameters
-    ----------
-    path : Path
-        A ``.npy`` file, or one gzipped.
-    mesh : Mesh
-        Whose vertices move.
-
-    Returns
-    -------
-    (F, V, 3) float32
-        Scene units, finite; at least one frame.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is not such an array for this mesh.
-    """
-    frames: Frames = _read_array(path)
-    if frames.dtype != np.float32 or frames.ndim != 3 or frames.shape[2] != 3 or not len(frames):
-        raise InputError(
-            f"frames {path}: dtype {frames.dtype.str} and shape {frames.shape}; "
-            f"give {np.dtype(np.float32).str} of shape (frames, vertices, 3)"
-        )
-    if frames.shape[1] != len(mesh.vertices):
-        raise InputError(
-            f"frames {path}: {frames.shape[1]} vertices a frame, but {mesh.source} has {len(mesh.vertices)}; "
-            "give the mesh that the frames belong to"
-        )
-    for k, frame in enumerate(frames):
-        if not np.isfinite(frame).all():
-            vertex = int(np.flatnonzero(~np.isfinite(frame).all(axis=1))[0])
-            raise InputError(f"frames {path}: frame {k}, vertex {vertex} is NaN or infinite; repair the file")
-    return frames
-
-
-def _read_array(path: Path) -> npt.NDArray[Any]:
-    """Read an array of numbers; a file that is not gzipped is mapped, not copied."""
-    try:
-        if path.suffix.lower() == ".gz":
-            with gzip.open(path) as file:
-                array = np.lib.format.read_array(file, allow_pickle=False)
-        else:
-            array = np.lib.format.open_memmap(path, mode="r")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"frames {path}: cannot be read ({reason}); give a .npy or .npy.gz file") from error
-    except (ValueError, EOFError, zlib.error, MemoryError, OverflowError) as error:
-        reason = str(error) or type(error).__name__
-        raise InputError(f"frames {path}: not a .npy or .npy.gz file ({reason}); write it again") from error
-    return array
-
-
-def bounds_of_all(frames: Frames, mesh: Mesh) -> npt.NDArray[np.float64]:
+def bounds_of_all(frames: Positions, mesh: Mesh) -> npt.NDArray[np.float64]:
     """(2, 3) float64: lowest and highest corner that a triangle reaches in any frame."""
     used = used_vertices(mesh)
     low, high = zip(*[extent(frame[used]) for frame in frames], strict=True)
@@ -97,7 +38,7 @@ class FrameTally:
         self.build_s: list[float] = []
         self.render_s: list[float] = []
 
-    def play(self, grid: Grid, vertices: Frames, view: Camera, work: Work) -> FrameRow:
+    def play(self, grid: Grid, vertices: Positions, view: Camera, work: Work) -> FrameRow:
         """Rebuild the grid for the vertices and draw it; the row covers all plays so far."""
         start = time.perf_counter()
         grid.update(vertices)

@@ -8,6 +8,7 @@ import numpy as np
 from clgrid import record
 from clgrid.cost import DEFAULT_RAYS, Choice
 from clgrid.device import Device
+from clgrid.features import features
 from clgrid.frame import LocalFrame
 from clgrid.layouts import programs
 from clgrid.layouts.lists import NESTED, list_defines
@@ -76,6 +77,7 @@ def info(
         cell_bytes=4 * (total + 1) if total else 0,
         compiled=variants(mesh),
         warnings=mesh.warnings,
+        features=features(scene),
     )
 
 

@@ -14,6 +14,7 @@ import msgspec
 
 import clgrid
 from clgrid.device import Device
+from clgrid.features_record import FeaturesRecord
 from clgrid.program import builds
 
 Record = TypeVar("Record", bound=msgspec.Struct)
@@ -385,6 +386,8 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Kernel variants that building and rendering this scene compiles.
     explained : ExplainRecord or None
         Only with ``--explain``.
+    features : FeaturesRecord or None
+        Materials, textures, lights, frames and so on; always there by now.
     """
 
     schema: str
@@ -410,6 +413,7 @@ class InfoRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     compiled: tuple[str, ...]
     warnings: tuple[str, ...]
     explained: ExplainRecord | None = None
+    features: FeaturesRecord | None = None
 
 
 def schema(verb: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +12,14 @@ import msgspec
 import numpy as np
 
 from clgrid import procedural
+from clgrid.animation import DEFAULT_FPS, checked_fps
 from clgrid.camera import DEFAULT_FOV, Camera, FovAxis
 from clgrid.errors import InputError
 from clgrid.mesh import Mesh, load
 
 if TYPE_CHECKING:
+    from clgrid.animation import Frames
+    from clgrid.look import Look
     from clgrid.meshfile.gltf_cameras import GltfCamera
 
 # Bounds whose z extent is below this share of both others lie flat: terrain, sheets, plates.
@@ -24,7 +29,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class Scene:
-    """A mesh with what a picture of it needs besides.
+    """A mesh with what a picture of it needs besides; that is read at the first use and kept.
 
     Attributes
     ----------
@@ -34,32 +39,107 @@ class Scene:
         The triangles.
     path : Path or None
         The file, None for a built-in scene.
+    frames_from : str or Path or None
+        Where frames come from, if not from the file's own animation: as for `load_scene`.
+    fps : float
+        Frames a second, at which animations are sampled.
+    animation : str or int or None
+        Name or number among the animations of a glTF file; None for the first.
+    frame : (Frames, int) or None
+        The moving scene and the number of its frame that this is.
     """
 
     name: str
     mesh: Mesh
     path: Path | None = None
+    frames_from: str | Path | None = None
+    fps: float = DEFAULT_FPS
+    animation: str | int | None = None
+    frame: tuple[Frames, int] | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def look(self) -> Look | None:
+        """Materials, textures, colours and lights; None where the file has none.
+
+        Raises
+        ------
+        MeshError
+            If they are malformed; what can be done without is a warning in ``Look.warnings``.
+        """
+        from clgrid.lookfile import read_look
+
+        if self.frame is not None:
+            return self.frame[0].look(self.frame[1])
+        return None if self.path is None else read_look(self.path, self.mesh)
+
+    @cached_property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras of the file, perspective and orthographic, in its order; none but for glTF.
+
+        Raises
+        ------
+        MeshError, InputError
+            If one is malformed.
+        """
+        if self.frame is not None:
+            return self.frame[0].cameras(self.frame[1])
+        return tuple(camera_of(camera) for camera in gltf_cameras(self))
+
+    @cached_property
+    def frames(self) -> Frames | None:
+        """The frames of a scene that moves; None for one that does not, and for a single frame.
+
+        Raises
+        ------
+        MeshError, InputError
+            If they cannot be read, or belong to another mesh.
+        """
+        from clgrid.animation import frames_of
+
+        return None if self.frame is not None else frames_of(self)
 
 
-def load_scene(name: str | Path) -> Scene:
+def load_scene(
+    name: str | Path,
+    frames: str | Path | None = None,
+    *,
+    fps: float = DEFAULT_FPS,
+    animation: str | int | None = None,
+) -> Scene:
     """Load a mesh file, or make a built-in scene where there is no such file.
 
     Parameters
     ----------
     name : str or Path
-        A path, or ``demo``, ``cube``, ``icosphere[:N]``, ``terrain[:N]``.
+        A path, or ``demo``, ``cube``, ``icosphere[:N]``, ``terrain[:N]``; or a folder of mesh files or a
+        pattern such as ``cow_*.ply``: the scene is the first of them, all are its frames.
+    frames : str or Path, optional
+        A ``.npy`` or ``.npy.gz`` file of float32 (frames, vertices, 3), a folder or a pattern of mesh files.
+        Without it, a glTF file's own animation makes `Scene.frames`.
+    fps : float
+        Frames a second, at which animations are sampled.
+    animation : str or int, optional
+        Name or number of one of several animations in a glTF file; the first if not given.
 
     Raises
     ------
     MeshError
         If the file cannot be used.
     InputError
-        If a built-in name has an argument out of range.
+        If a built-in name has an argument out of range, no file fits the pattern, or ``fps`` is not positive.
     """
+    from clgrid.animation.files import frame_files, is_files, shared_name
+
+    checked_fps(fps)
     path = Path(name)
     if not path.is_file() and procedural.is_name(str(name)):
-        return Scene(str(name), procedural.make(str(name)))
-    return Scene(short_name(path), load(path), path)
+        return Scene(str(name), procedural.make(str(name)), None, frames, fps, animation)
+    if is_files(name):
+        if frames is not None:
+            raise InputError(f"frames {frames}: {name} is a sequence already; give one of them")
+        first = frame_files(name)[0]
+        return Scene(shared_name(name), load(first), first, name, fps, animation)
+    return Scene(short_name(path), load(path), path, frames, fps, animation)
 
 
 def short_name(path: Path) -> str:
@@ -139,16 +219,37 @@ def named_camera(scene: Scene, selector: str) -> Camera:
     """
     if selector.lower().endswith(".json"):
         return camera_file(Path(selector))
-    cameras = gltf_cameras(scene)
+    return camera_among(gltf_cameras(scene), selector, scene.name)
+
+
+def camera_among(cameras: Sequence[GltfCamera | Camera], selector: str, where: str) -> Camera:
+    """Find a camera by name or index.
+
+    Raises
+    ------
+    InputError
+        If there is no such camera; the message lists those there are.
+    """
     chosen = [camera for camera in cameras if camera.name == selector]
     if selector.isdecimal() and int(selector) < len(cameras):
         chosen = [cameras[int(selector)]]
     if not chosen:
         known = ", ".join(f"{k} {camera.name!r}" for k, camera in enumerate(cameras)) or "none"
-        raise InputError(f"camera {selector!r}: not in {scene.name}, which has {known}; or give a .json file")
-    if chosen[0].yfov is None:
-        raise InputError(f"camera {selector!r}: is orthographic; choose a perspective one")
-    return Camera.from_matrix(chosen[0].matrix, float(np.degrees(chosen[0].yfov)), name=chosen[0].name)
+        raise InputError(f"camera {selector!r}: not in {where}, which has {known}; or give a .json file")
+    return chosen[0] if isinstance(chosen[0], Camera) else camera_of(chosen[0])
+
+
+def camera_of(camera: GltfCamera) -> Camera:
+    """Make a camera of one in a glTF file; the scale of its node is dropped.
+
+    Raises
+    ------
+    InputError
+        If its lens or place is none.
+    """
+    height = None if camera.ymag is None else 2.0 * abs(camera.ymag)
+    fov = DEFAULT_FOV if camera.yfov is None else float(np.degrees(camera.yfov))
+    return Camera.from_matrix(camera.matrix, fov, name=camera.name, orthographic_height=height)
 
 
 def gltf_cameras(scene: Scene) -> tuple[GltfCamera, ...]:

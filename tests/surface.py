@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 import clgrid
+from clgrid.animation import Frames
+from clgrid.look import Look
 
 
 def use(folder: Path, device: str) -> None:
@@ -19,6 +21,16 @@ def use(folder: Path, device: str) -> None:
     scene: clgrid.Scene = clgrid.load_scene("icosphere:3")
     camera: clgrid.Camera = clgrid.Camera.look_at((0, 0, 4), (0, 0, 0))
     flat = clgrid.Camera.look_at((0, 0, 4), (0, 0, 0), orthographic_height=2.5)
+    look: Look | None = scene.look
+    frames: Frames | None = scene.frames
+    cameras: tuple[clgrid.Camera, ...] = scene.cameras
+    assert (look, frames, cameras) == (None, None, ())
+    np.save(folder / "frames.npy", np.stack([scene.mesh.vertices] * 2))
+    moving = clgrid.load_scene("icosphere:3", folder / "frames.npy", fps=12.0).frames
+    assert moving is not None
+    assert moving.count == 2
+    still: clgrid.Scene = moving.scene(1)
+    assert still.mesh.triangle_count == len(moving.vertices(1)) * 2 - 4
     mesh = scene.mesh
     grid: clgrid.Grid = clgrid.build(mesh, "compact", "auto", device=device, view=camera)
     nbytes: dict[str, int] = clgrid.predict(mesh, density=2.0, device=device)

@@ -117,7 +117,7 @@ def test_gltf_cameras_by_index_and_name(tmp_path):
     np.testing.assert_allclose(side.right, [0, 0, 1], atol=1e-12)
 
 
-@pytest.mark.parametrize(("selector", "message"), [("3", "0 'front', 1 'side'"), ("plan", "orthographic")])
+@pytest.mark.parametrize(("selector", "message"), [("3", "0 'front', 1 'side'"), ("top", "2 'plan'")])
 def test_cameras_that_cannot_be_are_named(tmp_path, selector, message):
     with pytest.raises(InputError, match=message):
         named_camera(load_scene(gltf_with_cameras(tmp_path)), selector)

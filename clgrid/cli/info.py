@@ -12,6 +12,7 @@ from clgrid.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from clgrid.features_record import FeaturesRecord
     from clgrid.record import ExplainRecord, InfoRecord
 
 _DEFAULT_LAYOUT = "compact"
@@ -75,7 +76,8 @@ def info(
     output.emit_pairs(_lines(found, auto=auto))
     if found.explained is not None and found.explained.candidates:
         output.emit_table(_table(found.explained))
-    output.warn(found.warnings, quiet=False)
+    more = () if found.features is None else found.features.warnings
+    output.warn((*found.warnings, *more), quiet=False)
 
 
 def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
@@ -86,6 +88,7 @@ def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
         ("geometries", _listed(found.geometries)),
         ("cameras", _listed(found.cameras) if found.cameras else "none"),
         ("mesh", output.size(found.mesh_bytes)),
+        *([] if found.features is None else _features(found.features)),
     ]
     if found.bounds is not None and found.resolution is not None:
         low, high = (", ".join(f"{value:.9g}" for value in corner) for corner in found.bounds)
@@ -99,6 +102,31 @@ def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
         ]
     explained = [] if found.explained is None else _reasons(found.explained)
     return [*lines, ("kernels", "\n".join(found.compiled)), *explained]
+
+
+def _features(found: FeaturesRecord) -> list[tuple[str, str]]:
+    """What the file holds beside triangles, with the bytes of each; nothing of what there is none of."""
+    size = output.size
+    kinds = {"double-sided": found.double_sided, "masked": found.masked, "emissive": found.emissive}
+    told = "".join(f", {count} {kind}" for kind, count in kinds.items() if count)
+    ids = found.nbytes.get("material_ids")
+    lines = [("materials", f"{found.materials}{told}{f': {size(ids)}' if ids else ''}")] * bool(
+        found.materials
+    )
+    for each in found.textures:
+        alpha = ", alpha" * each.alpha
+        lines.append(("texture", f"{each.name!r} {each.width}x{each.height}{alpha}: {size(each.nbytes)}"))
+    for uv in found.uv_sets:
+        lines.append(("uv", f"{uv.rows:,} rows{', own faces' * uv.own_faces}: {size(uv.nbytes)}"))
+    if found.vertex_colours:
+        lines.append(("colours", f"of vertices: {size(found.nbytes['colours'])}"))
+    lines += [("light", f"{light.name!r} {light.kind}") for light in found.lights]
+    if found.frames is not None:
+        frames = found.frames
+        kind = ", each a mesh of its own" * frames.topology_changes + ", cameras move" * frames.cameras_move
+        rate = f"{frames.count} at {frames.fps:g} a second"
+        lines.append(("frames", f"{rate}{kind}: {size(frames.nbytes)} each; {frames.source}"))
+    return lines
 
 
 def _grid(found: InfoRecord, *, auto: bool) -> str:

@@ -7,7 +7,6 @@ and infinite vertices through, takes a cycle of nodes or a truncated GLB for an 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,73 +15,28 @@ import numpy.typing as npt
 from clgrid.errors import MeshError
 from clgrid.mesh import MAX_COUNT
 from clgrid.meshfile.content import Content
-from clgrid.meshfile.gltf_accessors import Accessors, at
-from clgrid.meshfile.gltf_document import UNREADABLE, open_document
-from clgrid.meshfile.gltf_nodes import Matrix, Placed, placed_nodes
-from clgrid.meshfile.gltf_schema import Gltf, Node, Primitive
+from clgrid.meshfile.gltf_accessors import Accessors
+from clgrid.meshfile.gltf_draws import Draw, Drawn, Rows, draw_file, morphed
+from clgrid.meshfile.gltf_nodes import Matrix
+from clgrid.meshfile.gltf_skins import matrices, skinned_normals, skinned_points
 from clgrid.meshfile.parts import Parts, empty
-from clgrid.meshfile.polygons import IntArray, fan, strips
-
-TRIANGLES, STRIP, FAN = 4, 5, 6
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Triangles of one primitive, in the coordinates of its node.
-
-    Attributes
-    ----------
-    positions : (V, 3) float32 or float64
-    normals : (V, 3) float32 or float64, or None
-    triangles : (F, 3) int
-    vertices_key : tuple
-        Pieces of a node with the same key have the same vertices.
-    """
-
-    positions: npt.NDArray[np.floating]
-    normals: npt.NDArray[np.floating] | None
-    triangles: IntArray
-    vertices_key: tuple[int, int | None]
-
-
-@dataclass(frozen=True)
-class Draw:
-    """The pieces of one node."""
-
-    placed: Placed
-    name: str
-    pieces: list[Piece]
 
 
 def parse(data: Content, path: Path) -> Parts:
     """Read a glTF or GLB file: one geometry a primitive and node, transformed in float64.
 
-    Vertices stay float32 where no node moves anything. Triangles of a mirroring node are turned, as glTF
-    asks, so that their front stays their front. Textures are not opened.
+    Morph targets and skins are applied as the file has them at rest. Vertices stay float32 where nothing
+    moves them. Triangles of a mirroring node are turned, as glTF asks, so that their front stays their front.
+    Textures are not opened.
 
     Raises
     ------
     MeshError
         If anything is malformed, missing (but textures), or out of range.
     """
-    document = open_document(data, path)
-    gltf = document.gltf
-    accessors = Accessors(document)
-    # without a mesh nothing else looks at the data, and "no triangles" must not cover up that it is broken
-    accessors.check_all(contents=not gltf.meshes)
-    warnings: dict[str, int] = {}
-    cache: dict[int, list[Piece]] = {}
-    draws = []
-    for placed in _placed_meshes(gltf):
-        number = placed.node.mesh
-        if number is not None:
-            record = at(gltf.meshes, number, "mesh", f"node {placed.number}")
-            if number not in cache:
-                cache[number] = _pieces(gltf, number, accessors, warnings)
-            _note_left_out(placed.node, gltf, number, warnings)
-            draws.append(Draw(placed, placed.node.name or record.name, cache[number]))
-    lines = tuple(f"{what} ({count})" for what, count in warnings.items())
-    lines += tuple(
+    drawn = draw_file(data, path)
+    gltf, draws = drawn.document.gltf, drawn.draws
+    lines = drawn.warnings + tuple(
         f"requires the glTF extension {name}, which is not read"
         for name in gltf.extensions_required
         if not name.startswith(
@@ -91,136 +45,68 @@ def parse(data: Content, path: Path) -> Parts:
     )
     if not any(len(piece.triangles) for draw in draws for piece in draw.pieces):
         return empty("the scene holds no triangles", *lines)
-    return _flattened(draws, lines)
+    return _flattened(drawn, lines)
 
 
-def _placed_meshes(gltf: Gltf) -> list[Placed]:
-    """Nodes to draw; a file without nodes and scenes is a library of meshes, and all of them count."""
-    if gltf.nodes or gltf.scenes:
-        return placed_nodes(gltf)
-    return [Placed(-1, Node(mesh=number), np.eye(4)) for number in range(len(gltf.meshes))]
-
-
-def _note_left_out(node: Node, gltf: Gltf, mesh: int, warnings: dict[str, int]) -> None:
-    """Count what would change the shape and is not applied."""
-    left_out = {
-        "skinned meshes are shown unposed": node.skin is not None,
-        "meshes are shown without their morph targets": any(node.weights or gltf.meshes[mesh].weights),
-        "nodes are shown once and not instanced": not UNREADABLE.isdisjoint(node.extensions),
-    }
-    for what, present in left_out.items():
-        if present:
-            warnings[what] = warnings.get(what, 0) + 1
-
-
-def _pieces(gltf: Gltf, number: int, accessors: Accessors, warnings: dict[str, int]) -> list[Piece]:
-    pieces = []
-    for index, primitive in enumerate(gltf.meshes[number].primitives):
-        where = f"mesh {number} primitive {index}"
-        if primitive.mode in (TRIANGLES, STRIP, FAN) and "POSITION" in primitive.attributes:
-            pieces.append(_piece(primitive, accessors, where))
-        elif primitive.mode > FAN:
-            raise MeshError(
-                f"glTF {where} has the unknown mode {primitive.mode}; repair or re-export the file"
-            )
-        else:
-            what = "left out: primitives without positions"
-            if primitive.mode < TRIANGLES:
-                what = "left out: primitives of points or lines"
-            warnings[what] = warnings.get(what, 0) + 1
-    return pieces
-
-
-def _piece(primitive: Primitive, accessors: Accessors, where: str) -> Piece:
-    position_number = primitive.attributes["POSITION"]
-    normal_number = primitive.attributes.get("NORMAL")
-    positions = _vectors(accessors, position_number, where)
-    normals = None if normal_number is None else _vectors(accessors, normal_number, where)
-    if normals is not None and len(normals) != len(positions):
-        raise MeshError(
-            f"glTF {where} has {len(normals)} normals for {len(positions)} positions; repair the file"
-        )
-    corners = _corners(primitive, accessors, len(positions), where)
-    if primitive.mode == STRIP:
-        triangles = strips(corners)
-    elif primitive.mode == FAN:
-        triangles = fan(corners)
-    elif len(corners) % 3:
-        raise MeshError(
-            f"glTF {where} has {len(corners)} corners, not whole triangles; repair or re-export the file"
-        )
-    else:
-        triangles = corners.reshape(-1, 3)
-    return Piece(positions, normals, triangles, (position_number, normal_number))
-
-
-def _vectors(accessors: Accessors, number: int, where: str) -> npt.NDArray[np.floating]:
-    values = accessors.scaled(number, where)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise MeshError(
-            f"glTF {where} has {values.shape[1]}-component vectors in accessor {number}; repair the file"
-        )
-    return values
-
-
-def _corners(primitive: Primitive, accessors: Accessors, count: int, where: str) -> IntArray:
-    """Vertex of each corner, all below ``count``."""
-    if primitive.indices is None:
-        return np.arange(count)
-    stored = accessors.array(primitive.indices, where)
-    if stored.dtype.kind != "u" or stored.shape[1] != 1:
-        raise MeshError(
-            f"glTF {where} has indices that are no unsigned scalars; repair or re-export the file"
-        )
-    corners: IntArray = np.ascontiguousarray(stored.reshape(-1).astype(stored.dtype.newbyteorder("=")))
-    if len(corners) and int(corners.max()) >= count:
-        bad = np.flatnonzero(corners >= count)
-        raise MeshError(
-            f"glTF {where}: {len(bad)} of {len(corners)} indices name a missing vertex, "
-            f"first index {bad[0]}: vertex {corners[bad[0]]} of {count}; repair or re-export the file"
-        )
-    return corners
-
-
-def _flattened(draws: list[Draw], warnings: tuple[str, ...]) -> Parts:
+def _flattened(drawn: Drawn, warnings: tuple[str, ...]) -> Parts:
     """All draws in one set of arrays, allocated once and only when their size is known to be possible."""
-    vertex_count = sum(len(positions) for draw in draws for positions in _distinct(draw).values())
-    face_count = sum(len(piece.triangles) for draw in draws for piece in draw.pieces)
-    moved = any(not np.array_equal(draw.placed.world, np.eye(4)) for draw in draws)
-    doubles = moved or any(piece.positions.dtype == np.float64 for draw in draws for piece in draw.pieces)
-    with_normals = any(piece.normals is not None for draw in draws for piece in draw.pieces)
+    rows = list(drawn.rows())
+    vertex_count, face_count = max(row.vertices.stop for row in rows), rows[-1].faces.stop
+    doubles = any(_moves(row.draw) or row.piece.positions.dtype == np.float64 for row in rows)
+    with_normals = any(row.piece.normals is not None for row in rows)
     _require_possible(vertex_count, face_count, 12 * (1 + doubles * 2 + with_normals))
     vertices = np.empty((vertex_count, 3), np.float64 if doubles else np.float32)
     normals = np.zeros((vertex_count, 3), np.float32) if with_normals else None
     faces = np.empty((face_count, 3), np.uint32)
-    starts, names = [0], []
-    vertex = face = 0
-    for draw in draws:
-        world = draw.placed.world
-        turned = _orientation(world) < 0
-        offsets: dict[tuple[int, int | None], int] = {}
-        for piece in draw.pieces:
-            if piece.vertices_key not in offsets:
-                offsets[piece.vertices_key] = vertex
-                rows = slice(vertex, vertex + len(piece.positions))
-                _move_points(piece.positions, world, vertices[rows])
-                if normals is not None and piece.normals is not None:
-                    _move_normals(piece.normals, world, normals[rows])
-                vertex += len(piece.positions)
-            target = faces[face : face + len(piece.triangles)]
-            target[:] = piece.triangles[:, [0, 2, 1]] if turned else piece.triangles
-            target += np.uint32(offsets[piece.vertices_key])
-            face += len(target)
-            starts.append(face)
-            names.append(draw.name)
-    return Parts(
-        vertices, faces, normals, np.array(starts, np.int64), tuple(names), warnings=warnings, untyped=doubles
-    )
+    for row in rows:
+        piece = row.piece
+        if row.first:
+            place_points(row, drawn.accessors, vertices[row.vertices])
+            if normals is not None:
+                _place_normals(row, drawn.accessors, normals[row.vertices])
+        target = faces[row.faces]
+        target[:] = piece.triangles[:, [0, 2, 1]] if _turned(row) else piece.triangles
+        target += np.uint32(row.vertices.start)
+    starts = np.array([0, *(row.faces.stop for row in rows)], np.int64)
+    names = tuple(row.draw.name for row in rows)
+    return Parts(vertices, faces, normals, starts, names, warnings=warnings, untyped=doubles)
 
 
-def _distinct(draw: Draw) -> dict[tuple[int, int | None], npt.NDArray[np.floating]]:
-    """Vertex arrays of a draw; primitives that share accessors share vertices."""
-    return {piece.vertices_key: piece.positions for piece in draw.pieces}
+def place_points(row: Rows, accessors: Accessors, out: npt.NDArray[np.floating]) -> None:
+    """Write the positions of a piece, as its draw morphs and places it, into ``out``."""
+    piece, draw = row.piece, row.draw
+    positions = morphed(piece.positions, "POSITION", piece, draw.weights, accessors)
+    pose = draw.skins(piece)
+    if pose is None:
+        _move_points(positions, draw.placed.world, out)
+        return
+    moves = matrices(pose, piece.primitive, len(positions), accessors, piece.where)
+    with np.errstate(over="ignore"):
+        out[:] = skinned_points(positions, moves)
+
+
+def _place_normals(row: Rows, accessors: Accessors, out: npt.NDArray[np.float32]) -> None:
+    """Write the normals of a piece, as `place_points` does its positions."""
+    piece, draw = row.piece, row.draw
+    if piece.normals is None:
+        return
+    normals = morphed(piece.normals, "NORMAL", piece, draw.weights, accessors)
+    pose = draw.skins(piece)
+    if pose is None:
+        _move_normals(normals, draw.placed.world, out)
+    else:
+        moves = matrices(pose, piece.primitive, len(normals), accessors, piece.where)
+        out[:] = skinned_normals(normals, moves)
+
+
+def _turned(row: Rows) -> bool:
+    """Whether the triangles of a piece are mirrored by its node; a skin's joints are taken not to mirror."""
+    return row.draw.skins(row.piece) is None and _orientation(row.draw.placed.world) < 0
+
+
+def _moves(draw: Draw) -> bool:
+    """Whether positions are not those of the file."""
+    return draw.pose is not None or any(draw.weights) or not np.array_equal(draw.placed.world, np.eye(4))
 
 
 def _require_possible(vertices: int, faces: int, vertex_bytes: int) -> None:

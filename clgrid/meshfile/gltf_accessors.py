@@ -95,6 +95,17 @@ class Accessors:
             if contents and dense.dtype.kind == "f" and not np.isfinite(dense).all():
                 raise MeshError(f"glTF accessor {number} holds NaN or infinite numbers; repair the file")
 
+    def view_bytes(self, number: int, where: str) -> memoryview:
+        """Bytes of a buffer view, such as a packed picture.
+
+        Raises
+        ------
+        MeshError
+            If the view or its buffer is missing or too short.
+        """
+        length = at(self._gltf.buffer_views, number, "buffer view", where).byte_length
+        return memoryview(self._strided(number, 0, length, np.dtype("u1"), 1, where).reshape(-1).data)
+
     def array(self, number: int, where: str) -> Array:
         """Elements of an accessor, as stored: not scaled where it is normalized.
 

@@ -14,7 +14,7 @@ from clgrid.meshfile.content import content
 from clgrid.meshfile.gltf_accessors import at
 from clgrid.meshfile.gltf_document import open_document
 from clgrid.meshfile.gltf_nodes import Placed, placed_nodes
-from clgrid.meshfile.gltf_schema import Camera
+from clgrid.meshfile.gltf_schema import Camera, Gltf
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,22 @@ def read_cameras(path: Path) -> tuple[GltfCamera, ...]:
         if file_format(path) not in (".gltf", ".glb"):
             return ()
         gltf = open_document(content(path), path).gltf
-        return tuple(
-            _camera(placed, at(gltf.cameras, placed.node.camera, "camera", f"node {placed.number}"))
-            for placed in placed_nodes(gltf)
-            if placed.node.camera is not None
-        )
+        return cameras_of(gltf, placed_nodes(gltf))
+
+
+def cameras_of(gltf: Gltf, placed: list[Placed]) -> tuple[GltfCamera, ...]:
+    """Cameras of the nodes given, in their order.
+
+    Raises
+    ------
+    MeshError
+        If one is missing or malformed.
+    """
+    return tuple(
+        _camera(each, at(gltf.cameras, each.node.camera, "camera", f"node {each.number}"))
+        for each in placed
+        if each.node.camera is not None
+    )
 
 
 def _camera(placed: Placed, camera: Camera) -> GltfCamera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +33,10 @@ class Placed:
     world: Matrix
 
 
-def placed_nodes(gltf: Gltf) -> list[Placed]:
+def placed_nodes(gltf: Gltf, poses: Mapping[int, Node] | None = None) -> list[Placed]:
     """Nodes of the default scene in depth-first order; of all scenes' trees where no scene is defined.
+
+    ``poses`` holds nodes by number that stand in for those of the file, with the same children.
 
     Raises
     ------
@@ -47,6 +50,7 @@ def placed_nodes(gltf: Gltf) -> list[Placed]:
     while todo:
         number, parent = todo.pop()
         node = at(gltf.nodes, number, "node", "scene")
+        node = poses.get(number, node) if poses else node
         if reached[number]:
             raise MeshError(f"glTF node {number} is drawn twice by its scene; repair or re-export the file")
         reached[number] = True

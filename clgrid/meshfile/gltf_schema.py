@@ -1,7 +1,8 @@
-"""The part of glTF 2.0 that places triangles and cameras, typed: wrong JSON types fail on decoding."""
+"""The part of glTF 2.0 that is read, typed: wrong JSON types fail on decoding."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import msgspec
@@ -144,34 +145,136 @@ class Camera(Record):
     orthographic: Orthographic | None = None
 
 
+class Image(Record):
+    """A picture: a file, a data URI, or a buffer view."""
+
+    name: str = ""
+    uri: str | None = None
+    mime_type: str = ""
+    buffer_view: Index | None = None
+
+
+class Sampler(Record):
+    """How a texture is looked up, in the numbers of OpenGL."""
+
+    mag_filter: Index | None = None
+    min_filter: Index | None = None
+    wrap_s: Index = 10497
+    wrap_t: Index = 10497
+
+
 class Texture(Record):
+    """An image and how it is looked up; extensions may name another image."""
+
+    name: str = ""
+    source: Index | None = None
+    sampler: Index | None = None
+    extensions: Extensions = {}
+
+
+class TextureInfo(Record):
     """Reference to a texture with the factors of the several uses."""
 
     index: Index | None = None
     tex_coord: Index = 0
     scale: float = 1.0
     strength: float = 1.0
+    extensions: Extensions = {}
+
+
+class TextureTransform(Record):
+    """KHR_texture_transform: how uv are changed before the look-up."""
+
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+    tex_coord: Index | None = None
 
 
 class Metallic(Record):
     """Base colour and its texture."""
 
     base_color_factor: Vector4 | None = None
-    base_color_texture: Texture | None = None
+    base_color_texture: TextureInfo | None = None
     metallic_factor: float = 1.0
     roughness_factor: float = 1.0
-    metallic_roughness_texture: Texture | None = None
+    metallic_roughness_texture: TextureInfo | None = None
 
 
 class Material(Record):
-    """Look of a primitive: decoded to be checked, not used for geometry."""
+    """Look of a primitive."""
 
     name: str = ""
     pbr_metallic_roughness: Metallic | None = None
-    normal_texture: Texture | None = None
-    occlusion_texture: Texture | None = None
-    emissive_texture: Texture | None = None
+    normal_texture: TextureInfo | None = None
+    occlusion_texture: TextureInfo | None = None
+    emissive_texture: TextureInfo | None = None
     emissive_factor: Vector3 | None = None
+    alpha_mode: str = "OPAQUE"
+    alpha_cutoff: float = 0.5
+    double_sided: bool = False
+    extensions: Extensions = {}
+
+
+class Spot(Record):
+    """Half angles of a spot light in radians."""
+
+    inner_cone_angle: float = 0.0
+    outer_cone_angle: float = math.pi / 4
+
+
+class Light(Record):
+    """KHR_lights_punctual: a light; the node that names it says where it stands."""
+
+    type: str
+    name: str = ""
+    color: Vector3 | None = None
+    intensity: float = 1.0
+    range: float | None = None
+    spot: Spot | None = None
+
+
+class Lights(Record):
+    """KHR_lights_punctual of the document."""
+
+    lights: list[Light] = []
+
+
+class Target(Record):
+    """What an animation moves: a path of a node."""
+
+    path: str
+    node: Index | None = None
+
+
+class Channel(Record):
+    """One sampler of an animation and what it moves."""
+
+    sampler: Index
+    target: Target
+
+
+class AnimationSampler(Record):
+    """Keyframes: times and values by accessor, and what lies between."""
+
+    input: Index
+    output: Index
+    interpolation: str = "LINEAR"
+
+
+class Animation(Record):
+    """Channels that play together."""
+
+    channels: list[Channel] = []
+    samplers: list[AnimationSampler] = []
+    name: str = ""
+
+
+class Skin(Record):
+    """Joints by node, and what takes vertices to each."""
+
+    joints: list[Index]
+    inverse_bind_matrices: Index | None = None
 
 
 class Gltf(Record):
@@ -187,5 +290,11 @@ class Gltf(Record):
     buffer_views: list[BufferView] = []
     buffers: list[Buffer] = []
     materials: list[Material] = []
+    textures: list[Texture] = []
+    images: list[Image] = []
+    samplers: list[Sampler] = []
+    animations: list[Animation] = []
+    skins: list[Skin] = []
+    extensions: Extensions = {}
     extensions_required: list[str] = []
     extensions_used: list[str] = []

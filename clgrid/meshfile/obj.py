@@ -44,8 +44,8 @@ def parse(data: Content, path: Path) -> Parts:
     MeshError
         For anything that is no number, an index that is 0 or beyond the vertices, or no OBJ statement at all.
     """
-    scan = _Scan()
-    scan.read(_plain_text(data))
+    scan = Scan()
+    scan.read(plain_text(data))
     positions, normals = scan.positions.array(), scan.normals.array()
     faces = scan.corners.resolved(len(positions), len(normals))
     warnings = scan.warnings()
@@ -60,7 +60,7 @@ def parse(data: Content, path: Path) -> Parts:
     return Parts(positions, triangles, vertex_normals, starts, names, warnings, untyped=True)
 
 
-def _plain_text(data: Content) -> bytes:
+def plain_text(data: Content) -> bytes:
     """Bytes of an ASCII superset without byte-order mark and with continued lines joined."""
     text = data[:]
     if text[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -76,39 +76,46 @@ def _plain_text(data: Content) -> bytes:
     return text
 
 
-class _Rows:
-    """Rows of three numbers, turned from words into an array now and then."""
+class Rows:
+    """Rows of numbers, turned from words into an array now and then."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, width: int = 3) -> None:
+        self.width = width
         self.words: list[bytes] = []
         self.done: list[npt.NDArray[np.float64]] = []
         self.what = what
         self.count = 0
 
     def flush(self) -> None:
+        """Turn the words into numbers."""
         if self.words:
             self.done.append(
-                float_tokens(b" ".join(self.words), f"OBJ {self.what}", len(self.words)).reshape(-1, 3)
+                float_tokens(b" ".join(self.words), f"OBJ {self.what}", len(self.words)).reshape(
+                    -1, self.width
+                )
             )
             self.words.clear()
 
     def array(self) -> npt.NDArray[np.float64]:
+        """(N, width) of all rows."""
         self.flush()
-        return np.concatenate(self.done) if self.done else np.zeros((0, 3), np.float64)
+        return np.concatenate(self.done) if self.done else np.zeros((0, self.width), np.float64)
 
 
-class _Scan:
+class Scan:
     """The statements of a file that make geometry."""
 
     def __init__(self) -> None:
-        self.positions = _Rows("vertex coordinates")
-        self.normals = _Rows("vertex normals")
+        self.positions = Rows("vertex coordinates")
+        self.normals = Rows("vertex normals")
         self.corners = Corners()
         self.runs: list[tuple[int, str]] = []
         self.left_out: dict[str, int] = {}
         self.group = b""
         self.material = b""
         self.known = False
+        # texture coordinates read so far, where somebody reads them
+        self.coordinates = 0
 
     def read(self, text: bytes) -> None:
         """Take in all lines."""
@@ -132,15 +139,16 @@ class _Scan:
                 if len(words) < 4:
                     self._leave_out("faces with fewer than 3 corners")
                 else:
-                    corners.add(words[1:], number, positions.count, normals.count)
+                    corners.add(words[1:], number, positions.count, normals.count, self.coordinates)
             elif not key.startswith(b"#"):
-                self._other(key, words, line, number)
+                self.other(key, words, line, number)
         if not self.known and not positions.count and not corners.count:
             raise MeshError("holds no OBJ statement; it is no OBJ file or has no geometry")
 
-    def _other(self, key: bytes, words: list[bytes], line: bytes, number: int) -> None:
+    def other(self, key: bytes, words: list[bytes], line: bytes, number: int) -> None:
+        """Take in a statement that is neither vertex, normal nor face."""
         if key in (b"o", b"g", b"usemtl"):
-            self._begin(key, b" ".join(words[1:]))
+            self.begin(key, b" ".join(words[1:]))
         elif key in LEFT_OUT:
             self._leave_out(LEFT_OUT[key])
         elif key not in IGNORED:
@@ -151,7 +159,7 @@ class _Scan:
     def _leave_out(self, what: str) -> None:
         self.left_out[what] = self.left_out.get(what, 0) + 1
 
-    def _begin(self, key: bytes, name: bytes) -> None:
+    def begin(self, key: bytes, name: bytes) -> None:
         """Begin a new geometry with the next face, unless nothing changed."""
         before = (self.group, self.material)
         if key == b"usemtl":

@@ -14,6 +14,8 @@ NO_NORMAL = -1
 FLUSH = 1 << 20
 """Corners kept as Python objects before they become numbers: bounds the scratch memory."""
 
+IntArray = npt.NDArray[np.int64]
+
 _ABSENT = np.iinfo(np.int64).min
 
 
@@ -42,13 +44,13 @@ class Corners:
     def __init__(self) -> None:
         self.count = 0
         self._words: list[bytes] = []
-        self._rows: list[tuple[int, int, int, int]] = []
-        self._done: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]] = []
+        self._rows: list[tuple[int, int, int, int, int]] = []
+        self._done: list[tuple[IntArray, IntArray]] = []
 
-    def add(self, words: list[bytes], line: int, positions: int, normals: int) -> None:
-        """Add one face from line ``line``, where so many positions and normals have been read."""
+    def add(self, words: list[bytes], line: int, positions: int, normals: int, coordinates: int) -> None:
+        """Add one face from line ``line``, where so many of each have been read."""
         self._words += words
-        self._rows.append((len(words), line, positions, normals))
+        self._rows.append((len(words), line, positions, normals, coordinates))
         self.count += 1
         if len(self._words) > FLUSH:
             self._flush()
@@ -61,24 +63,49 @@ class Corners:
         MeshError
             For a word that is no index and for an index that is 0 or names nothing; with its line.
         """
-        self._flush()
-        if not self._done:
-            nothing = np.zeros(0, np.int64)
-            return Resolved(nothing, nothing, nothing)
-        rows, first, third = (np.concatenate(column) for column in zip(*self._done, strict=True))
+        rows, written = self._all()
         counts = rows[:, 0]
         lines = np.repeat(rows[:, 1], counts)
-        position_of = _absolute(first, np.repeat(rows[:, 2], counts), positions, lines, "vertex")
-        normal_of = np.full(len(third), NO_NORMAL, np.int64)
-        given = third != _ABSENT
+        position_of = _absolute(written[:, 0], np.repeat(rows[:, 2], counts), positions, lines, "vertex")
+        normal_of = np.full(len(written), NO_NORMAL, np.int64)
+        given = written[:, 2] != _ABSENT
         before = np.repeat(rows[:, 3], counts)[given]
-        normal_of[given] = _absolute(third[given], before, normals, lines[given], "normal")
+        normal_of[given] = _absolute(written[given, 2], before, normals, lines[given], "normal")
         return Resolved(counts, position_of, normal_of)
+
+    def coordinates(self, count: int) -> tuple[IntArray, int]:
+        """Texture coordinates of each corner of all faces.
+
+        Parameters
+        ----------
+        count : int
+            How many there are; a corner that has none, or one that is missing, gets this number.
+
+        Returns
+        -------
+        (C,) int64, int
+            Rows, and how many corners name a missing one.
+        """
+        rows, written = self._all()
+        named = written[:, 1]
+        found = np.where(named > 0, named - 1, np.repeat(rows[:, 4], rows[:, 0]) + named)
+        absent = named == _ABSENT
+        bad = (named == 0) | (found < 0) | (found >= count)
+        return np.where(bad | absent, count, found), int(np.count_nonzero(bad & ~absent))
+
+    def _all(self) -> tuple[IntArray, IntArray]:
+        """(P, 5) of the faces, and (C, 3) of the corners: indices as written."""
+        self._flush()
+        if not self._done:
+            return np.zeros((0, 5), np.int64), np.zeros((0, 3), np.int64)
+        rows, written = (np.concatenate(part) for part in zip(*self._done, strict=True))
+        self._done = [(rows, written)]
+        return rows, written
 
     def _flush(self) -> None:
         if self._rows:
             rows = np.array(self._rows, np.int64)
-            self._done.append((rows, *_indices(self._words, rows)))
+            self._done.append((rows, _indices(self._words, rows)))
             self._words.clear()
             self._rows.clear()
 
@@ -102,16 +129,15 @@ def _absolute(
     return index
 
 
-def _indices(
-    words: list[bytes], rows: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Position and normal of each corner as written, `_ABSENT` for no normal."""
+def _indices(words: list[bytes], rows: IntArray) -> IntArray:
+    """(C, 3) position, texture coordinates and normal of each corner as written, `_ABSENT` for none."""
     text = b" ".join(words)
-    absent = np.full(len(words), _ABSENT, np.int64)
+    table = np.full((len(words), 3), _ABSENT, np.int64)
     if b"/" not in text:
         numbers = int_tokens(text)
         if numbers is not None and len(numbers) == len(words):
-            return numbers, absent
+            table[:, 0] = numbers
+            return table
         return _indices_by_word(words, rows)
     # the common case: all corners written alike
     slashes = words[0].count(b"/")
@@ -123,8 +149,9 @@ def _indices(
             and double in (0, len(words))
             and slashes + 1 - (double > 0) == len(numbers) / len(words)
         ):
-            table = numbers.reshape(len(words), -1)
-            return table[:, 0], table[:, -1] if slashes == 2 else absent
+            places = [0, 2] if double else [0, 1, 2][: slashes + 1]
+            table[:, places] = numbers.reshape(len(words), -1)
+            return table
     return _indices_by_word(words, rows)
 
 
@@ -135,23 +162,29 @@ def _all_have(text: bytes, slashes: int) -> bool:
     return bool((so_far == slashes * np.arange(1, len(so_far) + 1)).all())
 
 
-def _indices_by_word(
-    words: list[bytes], rows: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    first, third = [], []
+def _indices_by_word(words: list[bytes], rows: IntArray) -> IntArray:
+    table = []
     for number, word in enumerate(words):
         fields = word.split(b"/")
         try:
             if len(fields) > 3 or b"_" in word:
                 raise ValueError
-            first.append(_bounded(fields[0]))
-            third.append(_bounded(fields[2]) if len(fields) == 3 and fields[2] else _ABSENT)
+            third = _bounded(fields[2]) if len(fields) == 3 and fields[2] else _ABSENT
+            table.append((_bounded(fields[0]), _coordinate(fields), third))
         except ValueError:
             face = int(np.searchsorted(np.cumsum(rows[:, 0]), number, side="right"))
             raise MeshError(
                 f"OBJ line {rows[face, 1]}: {word[:40]!r} is no corner of a face; correct it"
             ) from None
-    return np.array(first, np.int64), np.array(third, np.int64)
+    return np.array(table, np.int64).reshape(-1, 3)
+
+
+def _coordinate(fields: list[bytes]) -> int:
+    """Texture coordinates as written; what is no number names none, for triangles do not need them."""
+    try:
+        return _bounded(fields[1]) if len(fields) > 1 and fields[1] else _ABSENT
+    except ValueError:
+        return 0
 
 
 def _bounded(word: bytes) -> int:

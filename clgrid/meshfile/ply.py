@@ -35,9 +35,9 @@ def parse(data: Content, path: Path) -> Parts:
         If the file is malformed, truncated, or holds more than its header says.
     """
     header = read_header(data)
-    if not any(element.name in ("face", "tristrips") and element.count for element in header.elements):
+    if not header.has_faces:
         return empty("the PLY header announces no faces: 0 triangles")
-    tables = _read_tables(data, header)
+    tables = read_tables(data, header)
     elements = {element.name: element for element in header.elements}
     if "vertex" not in elements:
         raise MeshError("PLY header has faces and no element 'vertex'; repair the header")
@@ -47,7 +47,14 @@ def parse(data: Content, path: Path) -> Parts:
     return Parts(vertices, faces, normals, warnings=warnings)
 
 
-def _read_tables(data: Content, header: Header) -> dict[str, Table]:
+def read_tables(data: Content, header: Header) -> dict[str, Table]:
+    """Rows of each element by its name.
+
+    Raises
+    ------
+    MeshError
+        If the data is malformed, truncated, or goes on behind what the header announces.
+    """
     tables: dict[str, Table] = {}
     if header.byte_order:
         end = header.body
@@ -104,19 +111,19 @@ def _faces(elements: dict[str, Element], tables: dict[str, Table]) -> tuple[IntA
     found: list[IntArray] = []
     warnings: list[str] = []
     if "face" in elements and elements["face"].count:
-        flat, counts = _index_lists(elements["face"], tables["face"])
+        flat, counts = index_lists(elements["face"], tables["face"])
         short = int((counts < 3).sum())
         if short:
             warnings.append(f"left out: faces with fewer than 3 corners ({short} of {len(counts)})")
         found.append(fans(flat, counts))
     if "tristrips" in elements and elements["tristrips"].count:
-        flat, counts = _index_lists(elements["tristrips"], tables["tristrips"])
+        flat, counts = index_lists(elements["tristrips"], tables["tristrips"])
         # a row is a strip of its own, as if -1 stood between the rows
         found.append(strips(np.insert(flat.astype(np.int64), np.cumsum(counts)[:-1], -1), restart=-1))
     return (found[0] if len(found) == 1 else np.concatenate(found)), tuple(warnings)
 
 
-def _index_lists(element: Element, table: Table) -> tuple[IntArray, npt.NDArray[np.int64]]:
+def index_lists(element: Element, table: Table) -> tuple[IntArray, npt.NDArray[np.int64]]:
     """Flat indices of an element's rows and the number of each."""
     entry = element.find(*INDEX_NAMES)
     if entry is None or entry.count_type is None:

@@ -74,11 +74,19 @@ class Header:
         In the order of the data.
     body : int
         Offset of the first byte of data.
+    comments : tuple of str
+        What follows the word ``comment`` on each such line.
     """
 
     byte_order: str
     elements: tuple[Element, ...]
     body: int
+    comments: tuple[str, ...] = ()
+
+    @property
+    def has_faces(self) -> bool:
+        """Whether faces or strips are announced."""
+        return any(element.name in ("face", "tristrips") and element.count for element in self.elements)
 
 
 def read_header(data: Content) -> Header:
@@ -100,8 +108,11 @@ def read_header(data: Content) -> Header:
         body -= 1  # lines of this header end in CR alone, so the LF is the first byte of the data
     byte_order: str | None = None
     elements: list[tuple[str, int, list[Property]]] = []
+    comments: list[str] = []
     for number, line in enumerate(text.decode("latin-1").splitlines(), 1):
         words = line.split()
+        if words and words[0] == "comment":
+            comments.append(line.strip().removeprefix("comment").strip())
         if not words or words[0] in ("ply", "comment", "obj_info"):
             continue
         if words[0] == "format" and len(words) == 3 and words[1] in BYTE_ORDERS:
@@ -118,7 +129,7 @@ def read_header(data: Content) -> Header:
         )
     named = tuple(Element(name, count, tuple(entries)) for name, count, entries in elements)
     _require_distinct_names(named)
-    return Header(byte_order, named, body)
+    return Header(byte_order, named, body, tuple(comments))
 
 
 def _property(words: list[str], number: int) -> Property:
