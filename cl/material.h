@@ -36,7 +36,8 @@
     uint first_triangle, uint triangle_count, __global const MaterialParams *materials, \
     __global const MATERIAL_ID *material_ids LOOK_UV_PARAMETERS LOOK_COLOUR_PARAMETERS LOOK_TEXTURE_PARAMETERS
 #define LOOK_ARGUMENTS \
-    first_triangle, triangle_count, materials, material_ids LOOK_UV_ARGUMENTS LOOK_COLOUR_ARGUMENTS LOOK_TEXTURE_ARGUMENTS
+    first_triangle, triangle_count, materials, material_ids LOOK_UV_ARGUMENTS LOOK_COLOUR_ARGUMENTS \
+    LOOK_TEXTURE_ARGUMENTS
 
 typedef struct {
     double u, v;

@@ -66,9 +66,13 @@ Colour texture_at(uint texture, double u, double v, TEXTURE_PARAMETERS)
     const uint x0 = wrapped(left, width, wrap_u), x1 = wrapped(left + 1.0, width, wrap_u);
     const uint y0 = wrapped(top, height, wrap_v), y1 = wrapped(top + 1.0, height, wrap_v);
     const double across = (x - 0.5) - left, down = (y - 0.5) - top;
-    const Colour upper = between(texel(texture, x0, y0, TEXTURE_ARGUMENTS), texel(texture, x1, y0, TEXTURE_ARGUMENTS), across);
-    const Colour lower = between(texel(texture, x0, y1, TEXTURE_ARGUMENTS), texel(texture, x1, y1, TEXTURE_ARGUMENTS), across);
-    return between(upper, lower, down);
+    Colour rows[2];
+    for (int k = 0; k < 2; ++k) {
+        const uint row = k ? y1 : y0;
+        rows[k] = between(texel(texture, x0, row, TEXTURE_ARGUMENTS), texel(texture, x1, row, TEXTURE_ARGUMENTS),
+                          across);
+    }
+    return between(rows[0], rows[1], down);
 }
 
 #endif

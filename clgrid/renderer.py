@@ -82,12 +82,13 @@ def render(
     progress : callable, optional
         Called with the share of rows done, from 0 to 1.
     look : Look, optional
-        Materials, textures and lights, for ``shading`` and the AOVs uv and albedo; by default the scene's own,
-        or none: grey.
+        Materials, textures and lights, for ``shading`` and the AOVs uv and albedo; by default the scene's
+        own, or none: grey.
     shading : Shading, optional
         How the picture is lit and sampled. Rays then pass masked texels and backs of single-sided surfaces.
     crop : (x0, y0, x1, y1), optional
-        Only the pixels from column x0 and row y0 to before x1 and y1, with the bits that they have in the whole.
+        Only the pixels from column x0 and row y0 to before x1 and y1, with the bits that they have in the
+        whole.
     **build_options
         As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping; ``rays``
         is the number of pixels, ``view`` the camera.
@@ -100,8 +101,8 @@ def render(
     Raises
     ------
     InputError
-        If a size, an AOV name, the crop or the background is out of range, the grid is of another mesh, its rung
-        knows no error of t, or look or shading do not fit.
+        If a size, an AOV name, the crop or the background is out of range, the grid is of another mesh, its
+        rung knows no error of t, or look or shading do not fit.
     GridTooLargeError, DeviceError
         As ``clgrid.build``.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,8 +17,8 @@ class TileArrays:
         Rows and columns.
     """
 
-    _DEPTHS = {"albedos": 3, "coordinates": 2, "sums": 4, "rgba": 4, "arriving": 1, "open": 1}
-    _TYPES = {"coordinates": np.float32, "rgba": np.float32, "open": np.uint32}
+    _DEPTHS: ClassVar = {"albedos": 3, "coordinates": 2, "sums": 4, "rgba": 4, "arriving": 1, "open": 1}
+    _TYPES: ClassVar = {"coordinates": np.float32, "rgba": np.float32, "open": np.uint32}
     _VECTORS = ("origins", "directions", "starts", "ways", "positions", "faced", "shaded", "radiances")
 
     def __init__(self, queue: Any, shape: tuple[int, int]) -> None:

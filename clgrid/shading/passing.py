@@ -1,7 +1,8 @@
 """Rays that go on behind what they met: masked texels, and backs of single-sided surfaces.
 
-Such rays are cast again for all that they meet, by t, then by triangle, and take the first that they do not pass.
-So none is lost, whatever lies in one place with what was passed: the triangles are those of ``Grid.cast_all``.
+Such rays are cast again for all that they meet, by t, then by triangle, and take the first that they do not
+pass. So none is lost, whatever lies in one place with what was passed: the triangles are those of
+``Grid.cast_all``.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Passing:
         origins: npt.NDArray[np.float64],
         directions: npt.NDArray[np.float64],
     ) -> bool:
-        """Replace hits of the eye's rays that pass by those behind them, or by misses; whether there were any."""
+        """Replace hits that rays of the eye pass by what is behind, or by misses; whether there were any."""
         rows = np.arange(len(ids), dtype=np.uint32)
         going_on = np.flatnonzero(self.passed(ids, weights, rows, directions, sided=True))
         for rays, first, hits in self._stops(going_on, origins, directions, np.inf, sided=True):

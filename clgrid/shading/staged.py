@@ -1,7 +1,7 @@
-"""The way of a picture in stages: tile by tile, sample by sample, in memory that does not grow with the picture.
+"""The way of a picture in stages: tile by tile, sample by sample, in memory that does not grow with it.
 
-A sample of a tile is a picture of rays, cast as such; occlusion rays of a tile are pictures below each other, all
-of one cell of the hemisphere, so that neighbours run near each other.
+A sample of a tile is a picture of rays, cast as such; occlusion rays of a tile are pictures below each other,
+each of one cell of the hemisphere, so that neighbours run near each other.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TILE_RAYS, _SKY_RAYS, _TILE_COLUMNS = 1 << 18, 1 << 20, 1 << 11
 _TILE_ROWS = 8
 # How light comes from the eye, as in cl/find_surfaces.cl.
 _NO_HEADLIGHT, _HEADLIGHT, _PLAIN = 0, 1, 2
-# Surfaces start rays so far above, in local units (docs/numerics.md): by what a ray's start and its hits are off.
+# So far above surfaces rays start, in local units (docs/numerics.md): more than starts and hits are off.
 _LIFT = {"fast": 2.0**-17, "robust": 48 * 2.0**-24, "precise": 2.0**-40, "exact": 2.0**-40}
 
 
@@ -150,8 +150,9 @@ class _Drawing:
         columns, rows = cells_of(samples)
         with clock.stage("rays", queue):
             self._run(
-                "sample_rays", arrays.count, self.camera, *tile, np.uint64(self.shading.seed), np.uint32(sample),
-                np.uint32(columns), np.uint32(rows), arrays.origins.base_data, arrays.directions.base_data,
+                "sample_rays", arrays.count, self.camera, *tile, np.uint64(self.shading.seed),
+                np.uint32(sample), np.uint32(columns), np.uint32(rows), arrays.origins.base_data,
+                arrays.directions.base_data,
             )  # fmt: skip
         rays = DeviceRays(arrays.origins, arrays.directions, np.array([[0.0, np.inf]]))
         wanted = checked_fields(("primitive_uvs", *fields), grid.accuracy)
@@ -165,8 +166,8 @@ class _Drawing:
                 options: Defines = {"REAL": "float" if grid.rung.real is np.float32 else "double"}
                 options |= {"SMOOTH_NORMALS": 1} if normals else {}
                 self._run(
-                    "find_surfaces", arrays.count, grid.target.frame_params, *part.mesh.arguments, *look, *normals,
-                    np.uint32(arrays.count), np.uint32(self.headlight), arrays.directions.base_data,
+                    "find_surfaces", arrays.count, grid.target.frame_params, *part.mesh.arguments, *look,
+                    *normals, np.uint32(arrays.count), np.uint32(self.headlight), arrays.directions.base_data,
                     hits.primitive_ids.base_data, hits.primitive_uvs.base_data, arrays.positions.base_data,
                     arrays.faced.base_data, arrays.shaded.base_data, arrays.albedos.base_data,
                     arrays.radiances.base_data, arrays.coordinates.base_data,
@@ -209,8 +210,8 @@ class _Drawing:
             starts, ways = arrays.sky_rays(rays)
             with self.clock.stage("sky_rays", self.queue):
                 self._run(
-                    "sky_rays", arrays.count, self.camera, *tile, np.uint64(self.shading.seed), np.uint32(sample),
-                    np.uint32(first), np.uint32(rays), np.uint32(columns), np.uint32(rows),
+                    "sky_rays", arrays.count, self.camera, *tile, np.uint64(self.shading.seed),
+                    np.uint32(sample), np.uint32(first), np.uint32(rays), np.uint32(columns), np.uint32(rows),
                     np.float64(distance if bounded else 0.0), np.float64(self.lift),
                     hits.primitive_ids.base_data, arrays.positions.base_data, arrays.faced.base_data,
                     starts.base_data, ways.base_data,
