@@ -2,8 +2,8 @@
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
 (primitive_id geometry_id), ``steps``, ``t_err``, ``P`` (P.X P.Y P.Z), ``uv`` (uv.U uv.V), ``albedo``
-(albedo.R albedo.G albedo.B), ``coverage``. Ids and steps are UINT32 parts filled from integers: through float buffers
-OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
+(albedo.R albedo.G albedo.B), ``coverage``. Ids and steps are UINT32 parts filled from integers: through float
+buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
 """
 
 from __future__ import annotations

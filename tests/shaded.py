@@ -17,7 +17,9 @@ CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
 COORDINATES = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
 
 
-def quad(z: float = 0.0, half: float = 1.0, centre: Sequence[float] = (0.0, 0.0), *, up: bool = True) -> np.ndarray:
+def quad(
+    z: float = 0.0, half: float = 1.0, centre: Sequence[float] = (0.0, 0.0), *, up: bool = True
+) -> np.ndarray:
     """(4, 3) float32: a square at height z, wound to be seen from above or from below."""
     flat = CORNERS * half + np.asarray(centre)
     corners = np.column_stack([flat, np.full(4, z)])

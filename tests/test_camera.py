@@ -14,7 +14,6 @@ from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import build
 from clgrid.program import include_folder, source_folder
-from clgrid.renderer import render
 
 RAYS = """
 #include "camera.h"

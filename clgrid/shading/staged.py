@@ -37,7 +37,7 @@ _TILE_ROWS = 8
 # How light comes from the eye, as in cl/find_surfaces.cl.
 _NO_HEADLIGHT, _HEADLIGHT, _PLAIN = 0, 1, 2
 # So far above surfaces rays start, in local units (docs/numerics.md): more than starts and hits are off.
-_LIFT = {"fast": 2.0**-17, "robust": 48 * 2.0**-24, "precise": 2.0**-40, "exact": 2.0**-40}
+_LIFT = {"fast": 2.0**-17, "robust": 64 * 2.0**-24, "precise": 2.0**-40, "exact": 2.0**-40}
 
 
 @dataclass
