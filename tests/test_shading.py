@@ -198,8 +198,9 @@ def test_rays_pass_where_a_mask_is_open(device):
     masked = draw(mesh, low, 64, device, some, look).rgba[..., 0]
     assert masked.mean() > draw(mesh, low, 64, device, some, opaque).rgba[..., 0].mean() + 0.01
     # Blended is drawn as opaque.
-    blended = scene_of([quad(half=2), quad(0.5, 1.0)], [WHITE, Material("glass", alpha_mode="blend")])[1]
-    assert (draw(mesh, camera, 8, device, shading, blended, aovs=("id",)).primitive_id[4, 4] >= 2).all()
+    glass = (WHITE, Material("glass", alpha_mode="blend"), WHITE)
+    blended = draw(mesh, camera, 8, device, shading, Look(glass, look.material_ids), aovs=("id",))
+    assert blended.primitive_id[4, 4] in (2, 3)
 
 
 def test_nothing_is_lost_behind_what_is_passed_in_the_same_plane(device):

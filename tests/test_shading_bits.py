@@ -7,6 +7,7 @@ import pytest
 from shaded import WHITE, plain_look, quad, scene_of
 from test_shading import LEAVES, checks
 
+from clgrid import memory, target
 from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.grid import build
@@ -117,6 +118,23 @@ def test_no_order_of_the_work_changes_a_shaded_picture(device, whole, monkeypatc
         render(mesh, CAMERA, *SIZE, look=look, shading=Shading(2, seed), grid=grid).rgba for seed in (0, 1)
     ]
     assert (seeds[0] != seeds[1]).any()
+
+
+@pytest.mark.host
+def test_a_mesh_in_several_grids_is_shaded_alike(device, whole, monkeypatch):
+    mesh, look = whole
+    one = build(mesh, device=device, density=4)
+    with monkeypatch.context() as patch:
+        for module in (memory, target):
+            patch.setattr(module, "largest_buffer", lambda device: 1200)
+        several = build(mesh, device=device, density=4)
+    assert several.stats.parts > 1
+    assert any(part.mesh.used is not None for part in several.parts)
+    pictures = [
+        render(mesh, CAMERA, *SIZE, AOVS_BUT_STEPS, look=look, shading=SHADING, grid=grid)
+        for grid in (one, several)
+    ]
+    assert bits(pictures[0]) == bits(pictures[1])
 
 
 @pytest.mark.host
