@@ -162,6 +162,8 @@ def _told_of(order: Order, stages: dict[str, float], *, cropped: bool) -> dict[s
     if cropped:
         told["clgrid:crop"] = " ".join(map(str, order.window))
         told["clgrid:full_size"] = "x".join(map(str, order.size))
+    if order.camera.orthographic_height is not None:
+        told["clgrid:camera_orthographic_height"] = order.camera.orthographic_height
     if order.shading is not None:
         shading = order.shading
         told |= {

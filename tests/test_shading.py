@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -259,6 +260,7 @@ def test_a_light_that_lies_in_a_surface_or_behind_it_gives_it_nothing(device):
         (Shading(occlusion_rays=3), "give sky"),
         (Shading(sky=(0, 0, -1)), r"sky is \(0, 0, -1\)"),
         (Shading(sky=ONE, occlusion_distance=0.0), "occlusion_distance"),
+        (Shading(sun=(0, 1)), "sun is"),
         (Shading(sun=(0, 0, 0)), "light 'sun': direction"),
         (Shading(sun=(0, 0, 1), sun_strength=-1), "light 'sun': colour times intensity"),
     ],
@@ -270,7 +272,10 @@ def test_shading_out_of_range_is_refused_by_name(shading, message):
 
 def test_a_look_that_does_not_fit_is_refused_by_name():
     mesh, look = scene_of([quad()], [LEAVES], [checks()])
+    square = np.zeros((2, 2, 3), np.uint8)
     for wrong, message in (
+        (replace(look, textures=(Texture(square, name="bark"),)), "texture 'bark' are"),
+        (replace(look, textures=(checks(wrap=("repeat", "border")),)), "wrap of texture"),
         (Look((WHITE,), np.zeros(3, np.uint16)), "material_ids"),
         (Look((WHITE,), np.array([0, 1], np.uint16)), "material 1 of 1"),
         (Look(look.materials, look.material_ids), "names texture 0"),

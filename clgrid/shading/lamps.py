@@ -35,7 +35,7 @@ class Lamp:
     t_max: float
 
 
-def lamps_of(look: Look, shading: Shading) -> list[Lamp]:
+def lamps_of(look: Look | None, shading: Shading) -> list[Lamp]:
     """All lights that are lit, in the order of the file, then the sun.
 
     Raises
@@ -43,7 +43,7 @@ def lamps_of(look: Look, shading: Shading) -> list[Lamp]:
     InputError
         If a light or the sun has no direction, or a number is not finite or negative.
     """
-    lights = list(look.lights) if shading.lights else []
+    lights = list(look.lights) if look is not None and shading.lights else []
     if shading.sun is not None:
         toward = tuple(-float(x) for x in shading.sun)
         lights.append(Light("directional", intensity=shading.sun_strength, direction=toward, name="sun"))  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ from clgrid.camera import Camera
 from clgrid.errors import InputError
 from clgrid.look import Look, Shading
 from clgrid.mesh import Mesh
+from clgrid.shading.lamps import lamps_of
 from clgrid.shading.surfaces import check_look
 
 Window = tuple[int, int, int, int]
@@ -55,6 +56,8 @@ def check_shading(shading: Shading) -> None:
         value = getattr(shading, name)
         if not isinstance(value, int) or not least <= value <= most:
             raise InputError(f"shading: {name} is {value!r}; give a whole number from {least} to {most}")
+    if shading.sun is not None and len(shading.sun) != 3:
+        raise InputError(f"shading: sun is {shading.sun}; give the three numbers of a direction")
     if not shading.occlusion_distance > 0.0:
         raise InputError(
             f"shading: occlusion_distance is {shading.occlusion_distance}; give one above 0, or inf"
@@ -87,3 +90,4 @@ def check_order(order: Order, mesh: Mesh) -> None:
         check_look(order.look, mesh)
     if order.shading is not None:
         check_shading(order.shading)
+        lamps_of(order.look, order.shading)

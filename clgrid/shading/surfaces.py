@@ -65,6 +65,17 @@ def check_look(look: Look, mesh: Mesh) -> None:
             raise InputError(f"look: uv_faces of set {number} do not fit its {len(uvs)} rows; correct them")
     for material in look.materials:
         _check_material(material, look)
+    for texture in look.textures:
+        pixels = texture.pixels
+        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4 or not pixels.size:
+            raise InputError(
+                f"look: pixels of texture {texture.name!r} are {pixels.shape} {pixels.dtype}; give (H, W, 4)"
+                " uint8"
+            )
+        if len(texture.wrap) != 2 or not set(texture.wrap) <= set(_WRAPS):
+            raise InputError(
+                f"look: wrap of texture {texture.name!r} is {texture.wrap}; choose of {', '.join(_WRAPS)}"
+            )
 
 
 def _check_material(material: Material, look: Look) -> None:
