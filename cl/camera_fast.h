@@ -17,8 +17,8 @@ double t_near(const double *o, const double *d)
 void set_camera_rays(Tile *tile, __constant const CameraParams *camera, __constant const FrameParams *frame, uint left,
                      uint top)
 {
-    const double right = (double)left + 4.0 - 0.5 * (double)camera->width;
-    const double down = (double)top + 4.0 - 0.5 * (double)camera->height;
+    const double right = (double)(camera->left + left) + 4.0 - 0.5 * (double)camera->width;
+    const double down = (double)(camera->top + top) + 4.0 - 0.5 * (double)camera->height;
     double o[3], d[3];
     for (int a = 0; a < 3; ++a) {
         o[a] = (camera->eye[a] - frame->offset[a]) * frame->scale;

@@ -108,20 +108,20 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                      __global float *rgba)
 {
     const float4 background = (float4)(background_r, background_g, background_b, 0.0f);
-    const uint across = (camera->width + BLOCK - 1) / BLOCK;
+    const uint across = (camera->across + BLOCK - 1) / BLOCK;
     const uint block_x = get_global_id(0) % across * BLOCK, block_y = get_global_id(0) / across * BLOCK;
 #ifndef ALONE
     Way way;
     const bool blank = way_of_pixels(camera, frame, grid, block_x, first_row + block_y,
-                                     min(block_x + BLOCK, camera->width) - 1,
+                                     min(block_x + BLOCK, camera->across) - 1,
                                      first_row + min(block_y + BLOCK, row_count) - 1, &way)
                        && passes_nothing(&way, GRID_ARGUMENTS);
     if (blank) {
 #ifndef PARTS  // which leave what the parts before have left
-        const uint right = min(block_x + BLOCK, camera->width), bottom = min(block_y + BLOCK, row_count);
+        const uint right = min(block_x + BLOCK, camera->across), bottom = min(block_y + BLOCK, row_count);
         for (uint y = block_y; y < bottom; ++y)
             for (uint x = block_x; x < right; ++x) {
-                const size_t at = (size_t)y * camera->width + x;
+                const size_t at = (size_t)y * camera->across + x;
                 write_colour(background, at, rgba);
 #ifdef AOV_DEPTH
                 depth[at] = INFINITY;
@@ -144,7 +144,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     for (uint number = 0; number < TILES_TOGETHER; ++number) {
         Tile *tile = tiles + number;
         const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
-        const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
+        const uint right = min(left + TILE, camera->across), bottom = min(top + TILE, row_count);
         start_tile(tile, frame, grid);
         if (left < right && top < bottom)
             load_camera_rays(tile, camera, frame, left, first_row + top);
@@ -153,7 +153,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         for (uint y = top; y < bottom; ++y)
             for (uint x = left; x < right; ++x)
                 set_hit(tile, number_in_tile(x - left, y - top),
-                        bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->width + x)));
+                        bound_of(nearest + NEAREST_REALS * ((size_t)y * camera->across + x)));
 #endif
     }
     cast_tiles(tiles, TILES_TOGETHER, GRID_ARGUMENTS, MESH_ARGUMENTS);
@@ -164,7 +164,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
     for (uint number = 0; number < TILES_TOGETHER; ++number) {
         const Tile *tile = tiles + number;
         const uint left = block_x + number % TILES_ALONG * TILE, top = block_y + number / TILES_ALONG * TILE;
-        const uint right = min(left + TILE, camera->width), bottom = min(top + TILE, row_count);
+        const uint right = min(left + TILE, camera->across), bottom = min(top + TILE, row_count);
 #ifdef RUNG_FAST
         Shaded shaded;
         shade_tile(tile, MESH_ARGUMENTS,
@@ -176,7 +176,7 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
         for (uint y = top; y < bottom; ++y)
             for (uint x = left; x < right; x += 4) {
                 const uint k = number_in_tile(x - left, y - top);
-                const size_t pixel = (size_t)y * camera->width + x;
+                const size_t pixel = (size_t)y * camera->across + x;
                 const uint4 found = ids_of_4(tile, k);
                 const int4 missed = found == NO_HIT;
 #ifdef RUNG_FAST

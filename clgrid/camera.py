@@ -29,7 +29,7 @@ _AZIMUTH, _ELEVATION, _MARGIN = math.radians(35.0), math.radians(24.0), 0.04
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective or orthographic camera; pictures are drawn by perspective ones only.
+    """A perspective or orthographic camera.
 
     Attributes
     ----------
@@ -216,22 +216,24 @@ class Camera:
         directions = (self.forward + x * step_x) + y * step_y
         return np.broadcast_to(self.eye, directions.shape), directions
 
-    def params(self, width: int, height: int) -> npt.NDArray[np.void]:
-        """Return the struct that kernels read, for a picture of this size.
+    def params(
+        self, width: int, height: int, window: tuple[int, int, int, int] | None = None
+    ) -> npt.NDArray[np.void]:
+        """Return the struct that kernels read, for a picture of this size or a window of it.
 
-        Raises
-        ------
-        InputError
-            If the camera is orthographic: kernels make rays from one point.
+        Parameters
+        ----------
+        width, height : int
+            Size of the whole picture in pixels.
+        window : (x0, y0, x1, y1), optional
+            Pixels x0 .. x1 - 1 and y0 .. y1 - 1 alone.
         """
-        if self.orthographic_height is not None:
-            raise InputError(
-                "camera: is orthographic, pictures are drawn in perspective; cast camera.rays(width, height)"
-            )
+        left, top, right, _ = window or (0, 0, width, height)
         step_x, step_y = self.steps(width, height)
         return structs.CAMERA.pack(
-            eye=self.eye, forward=self.forward, step_x=step_x, step_y=step_y, width=width, height=height
-        )
+            eye=self.eye, forward=self.forward, step_x=step_x, step_y=step_y, width=width, height=height,
+            left=left, top=top, across=right - left, parallel=self.orthographic_height is not None,
+        )  # fmt: skip
 
     def world_to_camera(self) -> Vector:
         """(4, 4) float64 for column vectors: x right, y up, z into the picture."""

@@ -1,8 +1,9 @@
 """Pictures: float arrays with named channel groups, written to EXR and PNG and read back.
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
-(primitive_id geometry_id), ``steps``, ``t_err``. Ids and steps are UINT32 parts filled from integers:
-through float buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
+(primitive_id geometry_id), ``steps``, ``t_err``, ``P`` (P.X P.Y P.Z), ``uv`` (uv.U uv.V), ``albedo``
+(albedo.R albedo.G albedo.B), ``coverage``. Ids and steps are UINT32 parts filled from integers: through float
+buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("id", np.uint32, ("primitive_id", "geometry_id")),
     ("steps", np.uint32, ("steps",)),
     ("t_err", np.float32, ("t_err",)),
+    ("P", np.float32, ("P.X", "P.Y", "P.Z")),
+    ("uv", np.float32, ("uv.U", "uv.V")),
+    ("albedo", np.float32, ("albedo.R", "albedo.G", "albedo.B")),
+    ("coverage", np.float32, ("coverage",)),
 )
 # OpenImageIO's names; it takes a name that it does not know, such as "float32", for half floats.
 _OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
@@ -61,6 +66,18 @@ class Image(Shown):
     t_err : (h, w) float32 or None
         Bound on the error of the distance along the ray, in lengths of its direction, whose component along
         the view axis is 1; 0 on the background.
+    position : (h, w, 3) float32 or None
+        Where the pixel's ray hits, in scene units; zero on the background.
+    uv : (h, w, 2) float32 or None
+        Texture coordinates there, of the first set; zero on the background and where there are none.
+    albedo : (h, w, 3) float32 or None
+        Linear share of light that the surface sends back; zero on the background.
+    coverage : (h, w) float32 or None
+        Share of the pixel's samples that hit.
+    crop : (int, int)
+        Column and row of the first pixel in the whole picture.
+    full_size : (int, int) or None
+        Width and height of that, where this is a window of it.
     metadata : dict
         Text, numbers and (4, 4) matrices: attributes of an EXR, lines of a PNG's description.
     """
@@ -72,6 +89,12 @@ class Image(Shown):
     geometry_id: npt.NDArray[np.uint32] | None = None
     steps: npt.NDArray[np.uint32] | None = None
     t_err: npt.NDArray[np.float32] | None = None
+    position: npt.NDArray[np.float32] | None = None
+    uv: npt.NDArray[np.float32] | None = None
+    albedo: npt.NDArray[np.float32] | None = None
+    coverage: npt.NDArray[np.float32] | None = None
+    crop: tuple[int, int] = (0, 0)
+    full_size: tuple[int, int] | None = None
     metadata: dict[str, Attribute] = field(default_factory=dict)
 
     @property
@@ -93,7 +116,8 @@ class Image(Shown):
         return f"{self.width} x {self.height}, {self.hits:,} pixels show the mesh"
 
     def _facts(self) -> Facts:
-        groups = [name for name in ("depth", "normal", "primitive_id", "steps", "t_err") if self._has(name)]
+        names = ("depth", "normal", "primitive_id", "steps", "t_err", "position", "uv", "albedo", "coverage")
+        groups = [name for name in names if self._has(name)]
         told = {key.removeprefix("clgrid:"): self.metadata.get(key) for key in _TOLD}
         facts = {"groups": ", ".join(["rgba", *groups])}
         return {**facts, **{name: str(value) for name, value in told.items() if value is not None}}
@@ -146,6 +170,10 @@ class Image(Shown):
             "id": ids,
             "steps": self.steps,
             "t_err": self.t_err,
+            "P": self.position,
+            "uv": self.uv,
+            "albedo": self.albedo,
+            "coverage": self.coverage,
         }
         parts = []
         for name, dtype, channels in _PARTS:
@@ -221,6 +249,10 @@ def read_image(path: str | Path) -> Image:
         geometry_id=None if ids is None else ids[..., 1],
         steps=found["steps"][..., 0] if "steps" in found else None,
         t_err=found["t_err"][..., 0] if "t_err" in found else None,
+        position=found.get("P"),
+        uv=found.get("uv"),
+        albedo=found.get("albedo"),
+        coverage=found["coverage"][..., 0] if "coverage" in found else None,
         metadata=metadata,
     )
 

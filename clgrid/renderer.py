@@ -19,15 +19,20 @@ from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import Grid, build
 from clgrid.image import NO_ID, Attribute, Image
+from clgrid.look import Look, Shading
 from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.program import kernel
 from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
+from clgrid.shading.order import Order, Window, check_order
+from clgrid.shading.staged import draw_staged
 from clgrid.target import MeshPart
 from clgrid.tuning import tuning_of
 
-AOVS = ("depth", "normal", "id", "steps", "t_err")
+PLAIN_AOVS = ("depth", "normal", "id", "steps", "t_err")
+"""What the one kernel of plain pictures makes."""
+AOVS = (*PLAIN_AOVS, "P", "uv", "albedo", "coverage")
 DEFAULT_BACKGROUND = (0.9, 0.9, 0.9)
 
 _BLOCK = 16  # as in cl/render.cl
@@ -50,9 +55,14 @@ def render(
     grid: Grid | None = None,
     background: Sequence[float] = DEFAULT_BACKGROUND,
     progress: Progress | None = None,
+    look: Look | None = None,
+    shading: Shading | None = None,
+    crop: Window | None = None,
     **build_options: Any,
 ) -> Image:
-    """Render a picture of a scene: one ray a pixel, lit from the eye, the same bits on every device.
+    """Render a picture of a scene, the same bits on every device.
+
+    One ray a pixel and a light at the eye, unless ``shading`` says otherwise.
 
     Parameters
     ----------
@@ -61,15 +71,24 @@ def render(
     camera : Camera, optional
         By default a three-quarter view of the whole scene.
     width, height : int
-        Pixels.
-    aovs : sequence of {"depth", "normal", "id", "steps", "t_err"}
-        Further channel groups of the image.
+        Pixels of the whole picture.
+    aovs : sequence of {"depth", "normal", "id", "steps", "t_err", "P", "uv", "albedo", "coverage"}
+        Further channel groups of the image. All but coverage are of the ray through the pixel's middle,
+        however many samples there are.
     grid : Grid, optional
         Of this very mesh; by default one is built with ``build_options``.
     background : (float, float, float)
         Linear colour where no triangle is hit.
     progress : callable, optional
         Called with the share of rows done, from 0 to 1.
+    look : Look, optional
+        Materials, textures and lights, for ``shading`` and the AOVs uv and albedo; by default the scene's
+        own, or none: grey.
+    shading : Shading, optional
+        How the picture is lit and sampled. Rays then pass masked texels and backs of single-sided surfaces.
+    crop : (x0, y0, x1, y1), optional
+        Only the pixels from column x0 and row y0 to before x1 and y1, with the bits that they have in the
+        whole.
     **build_options
         As for ``clgrid.build``: layout, density, resolution, accuracy, device, max_memory, skipping; ``rays``
         is the number of pixels, ``view`` the camera.
@@ -82,15 +101,19 @@ def render(
     Raises
     ------
     InputError
-        If a size, an AOV name or the background is out of range, the camera is orthographic, the grid is of
-        another mesh, or its rung knows no error of t.
+        If a size, an AOV name, the crop or the background is out of range, the grid is of another mesh, its
+        rung knows no error of t, or look or shading do not fit.
     GridTooLargeError, DeviceError
         As ``clgrid.build``.
     """
     mesh = scene.mesh if isinstance(scene, Scene) else scene
     _check(width, height, aovs, background)
+    window = _window(crop, width, height)
     view = camera or default_camera(scene, width / height)
-    view.params(width, height)  # refuses an orthographic one before there is a grid
+    wanted = look if look is not None else getattr(scene, "look", None)
+    reads_look = shading is not None or "uv" in aovs or "albedo" in aovs
+    order = Order(view, (width, height), window, background, wanted if reads_look else None, shading)
+    check_order(order, mesh)  # before there is a grid
     if grid is None:
         grid = build(mesh, **{"rays": width * height, "view": view, **build_options})
     elif grid.mesh is not mesh or build_options:
@@ -99,20 +122,67 @@ def render(
         raise InputError("render: the AOV t_err is of the strict rungs, not of fast; choose one of those")
     start = time.perf_counter()
     # Several parts each leave the pixels of the parts before, where those are nearer.
-    image = _blank(width, height, aovs, background, filled=grid.empty or len(grid.standing) > 1)
-    if not grid.empty:
-        _draw(grid, view, image, background, progress)
+    staged = _takes_stages(order, aovs)
+    filled = grid.empty or staged or len(grid.standing) > 1
+    image = _blank(window[2] - window[0], window[3] - window[1], aovs, background, filled=filled)
+    stages: dict[str, float] = {}
+    if staged and not grid.empty:
+        stages = draw_staged(grid, order, image, progress)
+    elif not grid.empty:
+        _draw(grid, order, image, progress)
+    image.crop, image.full_size = window[:2], None if crop is None else (width, height)
     if image.primitive_id is not None:
         image.geometry_id = _geometry_ids(mesh, image.primitive_id)
     seconds = time.perf_counter() - start
     image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs) | grid.rung.defines, seconds)
+    image.metadata |= _told_of(order, stages, cropped=crop is not None)
     return image
+
+
+def _takes_stages(order: Order, aovs: Sequence[str]) -> bool:
+    """Whether the picture is more than one kernel draws."""
+    parallel = order.camera.orthographic_height is not None
+    return parallel or order.shading is not None or not set(aovs) <= set(PLAIN_AOVS)
+
+
+def _window(crop: Window | None, width: int, height: int) -> Window:
+    if crop is None:
+        return (0, 0, width, height)
+    if len(crop) != 4 or not all(isinstance(x, (int, np.integer)) for x in crop):
+        raise InputError(f"render: crop {crop} is not four whole numbers; give x0, y0, x1, y1")
+    x0, y0, x1, y1 = map(int, crop)
+    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+        raise InputError(f"render: crop {(x0, y0, x1, y1)} has no pixel of {width}x{height} or some beyond")
+    return (x0, y0, x1, y1)
+
+
+def _told_of(order: Order, stages: dict[str, float], *, cropped: bool) -> dict[str, Attribute]:
+    """What metadata say of window and shading."""
+    told: dict[str, Attribute] = {f"clgrid:render_{name}_s": value for name, value in stages.items()}
+    if cropped:
+        told["clgrid:crop"] = " ".join(map(str, order.window))
+        told["clgrid:full_size"] = "x".join(map(str, order.size))
+    if order.camera.orthographic_height is not None:
+        told["clgrid:camera_orthographic_height"] = order.camera.orthographic_height
+    if order.shading is not None:
+        shading = order.shading
+        told |= {
+            "clgrid:samples": shading.samples,
+            "clgrid:seed": str(shading.seed),
+            "clgrid:occlusion_rays": shading.occlusion_rays,
+            "clgrid:occlusion_distance": shading.occlusion_distance,
+        }
+    return told
 
 
 def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
     """Return the ``-D`` options with which cl/render.cl is compiled: only what is asked for."""
-    macros = {**{name: f"AOV_{name.upper()}" for name in AOVS}, "steps": "COUNT_STEPS", "t_err": "WITH_T_ERR"}
-    options: dict[str, int | str] = {macros[name]: 1 for name in AOVS if name in aovs}
+    macros = {
+        **{name: f"AOV_{name.upper()}" for name in PLAIN_AOVS},
+        "steps": "COUNT_STEPS",
+        "t_err": "WITH_T_ERR",
+    }
+    options: dict[str, int | str] = {macros[name]: 1 for name in PLAIN_AOVS if name in aovs}
     if mesh.vertex_normals is not None:
         options |= {"SMOOTH_NORMALS": 1, "WITH_UVS": 1}
     return options
@@ -188,20 +258,22 @@ def _blank(
         # The kernels count on from 0.
         steps=np.zeros((height, width), np.uint32) if "steps" in aovs else None,
         t_err=channels("t_err", 0, np.float32),
+        position=channels("P", 0, np.float32, 3),
+        uv=channels("uv", 0, np.float32, 2),
+        albedo=channels("albedo", 0, np.float32, 3),
+        coverage=channels("coverage", 0, np.float32),
     )
 
 
-def _draw(
-    grid: Grid, camera: Camera, image: Image, background: Sequence[float], progress: Progress | None
-) -> None:
+def _draw(grid: Grid, order: Order, image: Image, progress: Progress | None) -> None:
     device, mesh, parts = grid.device, grid.mesh, grid.standing
     aovs = [name for name, array in _aov_arrays(image) if array is not None]
     rung = grid.rung
     tuned = tuning_of(device).defines
     options = {**kernel_options(mesh, aovs), **part_defines(parts), **rung.defines, **tuned}
     allocator = Allocator(device)
-    inputs = [allocator.upload(camera.params(image.width, image.height)), grid.target.frame_params]
-    colour = [np.float32(value) for value in background]
+    inputs = [allocator.upload(order.camera.params(*order.size, order.window)), grid.target.frame_params]
+    colour = [np.float32(value) for value in order.background]
     normals = [_normals(mesh, part.mesh, allocator) for part in parts]
     arrays = [array for _, array in _aov_arrays(image) if array is not None]
     if len(parts) > 1:

@@ -115,10 +115,64 @@ CAMERA = Struct(
         ("double", "step_y", 3),
         ("uint", "width", 1),
         ("uint", "height", 1),
+        # The window that is drawn, in pixels of the whole picture, and its columns.
+        ("uint", "left", 1),
+        ("uint", "top", 1),
+        ("uint", "across", 1),
+        # Whether rays are parallel to `forward`, and steps are of their origins.
+        ("uint", "parallel", 1),
     ),
 )
 
-ALL = (GRID, SUBGRID, FRAME, CAMERA)
+MATERIAL = Struct(
+    "MaterialParams",
+    (
+        # Rows of 2x3 matrices, applied to (u, v, 1).
+        ("double", "base_transform", 6),
+        ("double", "emissive_transform", 6),
+        ("double", "base_colour", 4),
+        ("double", "emissive", 3),
+        # Rays pass where alpha is below; 0 where none do.
+        ("double", "alpha_cutoff", 1),
+        # Numbers of textures, NO_TEXTURE for none, and of their sets of coordinates.
+        ("uint", "base_texture", 1),
+        ("uint", "base_uv", 1),
+        ("uint", "emissive_texture", 1),
+        ("uint", "emissive_uv", 1),
+        ("uint", "double_sided", 1),
+        ("uint", "masked", 1),
+    ),
+)
+
+TEXTURE = Struct(
+    "TextureParams",
+    (
+        # Number of its first texel.
+        ("uint", "first", 1),
+        ("uint", "width", 1),
+        ("uint", "height", 1),
+        # Along u and v, as in cl/texture.h.
+        ("uint", "wrap", 2),
+        ("uint", "smooth", 1),
+    ),
+)
+
+LIGHT = Struct(
+    "LightParams",
+    (
+        ("double", "position", 3),
+        # Unit, from the light on.
+        ("double", "direction", 3),
+        # Beyond reach nothing arrives; the light of a spot is the square of scale * cosine + offset.
+        ("double", "reach", 1),
+        ("double", "spot_scale", 1),
+        ("double", "spot_offset", 1),
+        # As in cl/light_rays.cl.
+        ("ulong", "kind", 1),
+    ),
+)
+
+ALL = (GRID, SUBGRID, FRAME, CAMERA, MATERIAL, TEXTURE, LIGHT)
 
 
 def declarations(structs: Sequence[Struct] = ()) -> str:

@@ -14,7 +14,8 @@ from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere
 from clgrid.program import builds
 from clgrid.record import InfoRecord, decode, encode
-from clgrid.renderer import AOVS, render
+from clgrid.renderer import PLAIN_AOVS as AOVS
+from clgrid.renderer import render
 from clgrid.scene import Scene, load_scene
 
 

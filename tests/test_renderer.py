@@ -12,7 +12,8 @@ from clgrid.grid import build
 from clgrid.image import NO_ID, Image
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere, make
-from clgrid.renderer import AOVS, kernel_options, render, warm_up
+from clgrid.renderer import PLAIN_AOVS as AOVS
+from clgrid.renderer import kernel_options, render, warm_up
 from clgrid.scene import default_camera, load_scene, named_camera
 
 FRONT = Camera.look_at((0, 0, 5), (0, 0, 0), fov=40)
@@ -211,7 +212,7 @@ def test_the_second_warm_up_compiles_nothing(device):
     [
         ({"width": 0}, "size"),
         ({"width": 1 << 20, "height": 1 << 20}, "size"),
-        ({"aovs": ("depth", "uv")}, "AOV 'uv'"),
+        ({"aovs": ("depth", "uvw")}, "AOV 'uvw'"),
         ({"background": (1, 2)}, "background"),
         ({"background": (1, 2, np.nan)}, "background"),
     ],
