@@ -58,6 +58,21 @@ def _range_text(t: npt.NDArray[np.float64]) -> str:
     return f"{t.min():g} to {t.max():g}" if t.size else "none"
 
 
+def unit_normals(mesh: Mesh, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """(..., 3) float64: unit normals of triangles by their winding; 0 for -1 and for those without area."""
+    mask = primitive_ids >= 0
+    corners = mesh.vertices[mesh.faces[primitive_ids[mask]]].astype(np.float64)
+    # To unit size first, so that no product over- or underflows.
+    edges = corners[:, 1:] - corners[:, :1]
+    size = np.max(np.abs(edges), axis=(1, 2), keepdims=True, initial=0.0)
+    edges /= np.where(size > 0, size, 1.0)
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normals = np.zeros((*mask.shape, 3))
+    normals[mask] = normal / np.where(length > 0, length, 1.0)
+    return normals
+
+
 class _Computed:
     """Results that were asked for by name."""
 
@@ -168,17 +183,7 @@ class Hits(_Computed, Shown):
     @property
     def primitive_normals(self) -> npt.NDArray[np.float64]:
         """(..., 3) float64: unit normal of the triangle by its winding; 0 on a miss."""
-        mask = self.mask
-        corners = self.mesh.vertices[self.mesh.faces[self.primitive_ids[mask]]].astype(np.float64)
-        # To unit size first, so that no product over- or underflows.
-        edges = corners[:, 1:] - corners[:, :1]
-        size = np.max(np.abs(edges), axis=(1, 2), keepdims=True, initial=0.0)
-        edges /= np.where(size > 0, size, 1.0)
-        normal = np.cross(edges[:, 0], edges[:, 1])
-        length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        normals = np.zeros((*mask.shape, 3))
-        normals[mask] = normal / np.where(length > 0, length, 1.0)
-        return normals
+        return unit_normals(self.mesh, self.primitive_ids)
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
