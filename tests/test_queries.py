@@ -122,7 +122,7 @@ def stack(count: int, copies: bool = False) -> Mesh:
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("copies", [False, True])
 def test_ten_thousand_hits_a_ray(copies: bool, accuracy: str, device: Device) -> None:
-    """More than the room that each chunk has at first; rays between them have none or few."""
+    """More than the room that each ray has at first; rays between them have none or few."""
     count = 10_000
     mesh = stack(count, copies)
     grid = build(mesh, resolution=(2, 2, 40), accuracy=accuracy, device=device)
