@@ -26,6 +26,8 @@ NO_HIT = 0xFFFFFFFF
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
+# Kernels whose rays each go alone.
+_ALONE = ("count_hits", "cast_all")
 _MACROS = {"primitive_uvs": "WITH_UVS", "t_err": "WITH_T_ERR", "certain": "WITH_CERTAIN"}
 
 
@@ -138,22 +140,24 @@ def tile_launch(
     name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines, division: Division
 ) -> tuple[Launch, Further]:
     """Casts tiles of rays through the grids of all parts; and what it takes beside them: their order."""
-    options = tile_options(target, parts, options)
+    options = tile_options(name, target, parts, options, division)
     if division.row:
         return _launch(name, target, parts, options, division, [np.uint32(division.row)]), lambda inputs: []
     launch = _launch(name, target, parts, {**options, "ORDERED": 1}, division, [])
     return launch, lambda inputs: [_order(target, parts[0], inputs)]
 
 
-def tile_options(target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Defines:
+def tile_options(
+    name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines, division: Division
+) -> Defines:
     """The options of a kernel that takes tiles of rays, with what is tuned for the device."""
     tuning = tuning_of(target.device)
     options = {**options, **tuning.defines}
-    return (
-        options
-        if parts[0].lists.subgrids is not None
-        else {**options, **tuning.turns(target.mesh.triangle_count)}
-    )
+    # Rays that go alone one after another find in caches what their neighbours read.
+    followed = division.in_rows and name in _ALONE
+    if followed or parts[0].lists.subgrids is not None:
+        return options
+    return {**options, **tuning.turns(target.mesh.triangle_count)}
 
 
 def _launch(

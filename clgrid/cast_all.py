@@ -18,7 +18,7 @@ from clgrid.target import DeviceMesh
 from clgrid.tiles import Division, division_of
 
 # Room that each ray gets at first, in hits; those that need more are cast again.
-_ROOM = 8
+_ROOM = 16
 _RAYS_PER_LAUNCH = 1 << 18
 _BYTES_OF_A_HIT = 16  # the largest array: two weights in float64
 
@@ -57,7 +57,8 @@ def cast_all(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: 
         _let_ascend(results, splits)
     ids = results["primitive_ids"].astype(np.int64)
     computed = {name: results[name] for name in fields}
-    return AllHits(splits, results["t_hit"], ids, found[0][2], computed)
+    t, invalid = results["t_hit"], found[0][2]
+    return AllHits(splits, t, ids, invalid, target.mesh, rays.origins, rays.directions, computed)
 
 
 def _of_part(
@@ -121,7 +122,7 @@ def _cast(
             f"cast_all: {room:,} hits at once exceed the device's largest buffer; cast fewer rays"
         )
     shapes = blank(0, fields, target.rung.real)
-    arrays = {name: np.zeros((max(room, 1), *a.shape[1:]), a.dtype) for name, a in shapes.items()}
+    arrays = {name: np.empty((max(room, 1), *a.shape[1:]), a.dtype) for name, a in shapes.items()}
     rejected = np.zeros(division.items(len(rays.origins)), np.uint32)
     counts = np.zeros(len(rays.origins), np.uint32)
     launch, further = tile_launch("cast_all", target, [part], field_defines(fields), division)

@@ -22,6 +22,7 @@ ALL_FIELDS = ("primitive_uvs", "t_err")
 """The same for ``AllHits``."""
 DEFAULT_FIELDS = ("primitive_uvs",)
 DERIVED = ("mask", "geometry_ids", "primitive_normals", "points")
+ALL_DERIVED = ("geometry_ids", "primitive_normals", "points")
 ALWAYS = ("t_hit", "primitive_ids")
 
 
@@ -207,6 +208,9 @@ class AllHits(_Computed, Shown):
         Triangle.
     invalid_rays : int
         Rays that are misses because they are not finite or have no direction.
+    mesh : Mesh
+    origins, directions : (..., 3)
+        As cast.
     computed : dict of str to array
         What else was asked for, by name; each is an attribute too.
     """
@@ -215,6 +219,9 @@ class AllHits(_Computed, Shown):
     t_hit: npt.NDArray[np.float64]
     primitive_ids: npt.NDArray[np.int64]
     invalid_rays: int
+    mesh: Mesh
+    origins: npt.NDArray[Any]
+    directions: npt.NDArray[Any]
     computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
 
     def _headline(self) -> str:
@@ -223,6 +230,7 @@ class AllHits(_Computed, Shown):
 
     def _facts(self) -> Facts:
         return {
+            "mesh": self.mesh.source,
             "t_hit": _range_text(self.t_hit),
             "most hits of a ray": f"{int(self.counts.max(initial=0)):,}",
             "triangles hit": f"{len(np.unique(self.primitive_ids)):,}",
@@ -231,7 +239,7 @@ class AllHits(_Computed, Shown):
         }
 
     def __getitem__(self, name: str) -> Any:
-        if name not in ("ray_splits", "counts", "ray_ids", *ALWAYS, *ALL_FIELDS):
+        if name not in ("ray_splits", "counts", "ray_ids", *ALWAYS, *ALL_FIELDS, *ALL_DERIVED):
             raise KeyError(name)
         return getattr(self, name)
 
@@ -244,3 +252,21 @@ class AllHits(_Computed, Shown):
     def ray_ids(self) -> npt.NDArray[np.int64]:
         """(H,) int64: the ray of each hit."""
         return np.repeat(np.arange(len(self.ray_splits) - 1), self.counts)
+
+    @property
+    def geometry_ids(self) -> npt.NDArray[np.int64]:
+        """(H,) int64: geometry of the triangle."""
+        return self.mesh.geometry_ids(self.primitive_ids)
+
+    @property
+    def primitive_normals(self) -> npt.NDArray[np.float64]:
+        """(H, 3) float64: unit normal of the triangle by its winding."""
+        return unit_normals(self.mesh, self.primitive_ids)
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """(H, 3) float64: origin + t_hit * direction, in scene units."""
+        rays = self.ray_ids
+        origins, directions = (array.reshape(-1, 3)[rays] for array in (self.origins, self.directions))
+        points: npt.NDArray[np.float64] = origins + self.t_hit[:, None] * directions.astype(np.float64)
+        return points

@@ -238,7 +238,7 @@ def _enqueue(
     allocator, division = Allocator(target.device), rays.division
     invalid = cl_array.empty(queue, (division.items(rays.count),), np.uint32)
     outputs = [*(array.base_data for array in (invalid, *results)), *state]
-    options = tile_options(target, parts, {**options, **_ray_defines(rays)})
+    options = tile_options(name, target, parts, {**options, **_ray_defines(rays)}, division)
     # A copy: the array would be gone before the kernel is done.
     inputs = [rays.origins.base_data, rays.directions.base_data, allocator.upload(rays.bounds)]
     waits = _events((rays.origins, rays.directions, *results))

@@ -249,7 +249,8 @@ class Queries(ABC):
             none = casting.blank(0, wanted, self.rung.real)
             splits = np.zeros(len(rays.origins.reshape(-1, 3)) + 1, np.int64)
             ids = none.pop("primitive_ids").astype(np.int64)
-            return AllHits(splits, none.pop("t_hit"), ids, invalid_count(rays), none)
+            t, invalid = none.pop("t_hit"), invalid_count(rays)
+            return AllHits(splits, t, ids, invalid, self.mesh, rays.origins, rays.directions, none)
         return cast_all(self.target, self.standing, rays, wanted)
 
     @cached_property
