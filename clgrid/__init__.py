@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from clgrid.image import Image, read_image
     from clgrid.mesh import Mesh, load
     from clgrid.prediction import predict
-    from clgrid.renderer import render
+    from clgrid.renderer import render, warm_up
     from clgrid.saved import open_grid
-    from clgrid.scene import Scene, load_scene
+    from clgrid.scene import Scene, default_camera, load_scene
 
 __version__ = "0.1.0"
 
@@ -57,6 +57,7 @@ __all__ = [
     "__version__",
     "brute_force",
     "build",
+    "default_camera",
     "devices",
     "load",
     "load_scene",
@@ -64,6 +65,7 @@ __all__ = [
     "predict",
     "read_image",
     "render",
+    "warm_up",
 ]
 
 # Where each public name lives, and under which name.
@@ -78,6 +80,7 @@ _HOMES = {
     "Scene": ("scene", "Scene"),
     "brute_force": ("brute", "brute_force"),
     "build": ("grid", "build"),
+    "default_camera": ("scene", "default_camera"),
     "devices": ("device", "describe_all"),
     "load": ("mesh", "load"),
     "load_scene": ("scene", "load_scene"),
@@ -85,6 +88,7 @@ _HOMES = {
     "predict": ("prediction", "predict"),
     "read_image": ("image", "read_image"),
     "render": ("renderer", "render"),
+    "warm_up": ("renderer", "warm_up"),
     **{
         name: ("errors", name)
         for name in (

@@ -26,6 +26,8 @@ NO_HIT = 0xFFFFFFFF
 _LARGEST_OF_A_RAY = 24  # bytes of an origin in float64
 # Rays in flight at once: bounds the memory of a batch of any size.
 _RAYS_PER_LAUNCH = 1 << 22
+# Kernels whose rays each go alone.
+_ALONE = ("count_hits", "cast_all")
 _MACROS = {"primitive_uvs": "WITH_UVS", "t_err": "WITH_T_ERR", "certain": "WITH_CERTAIN"}
 
 
@@ -60,6 +62,8 @@ def field_defines(fields: Sequence[str]) -> Defines:
 
 # Enqueues a kernel over (inputs, number of rays, outputs, options), which every casting kernel has.
 Launch = Callable[[list[Any], int, list[Any], Defines], None]
+# Inputs that follow from a launch's origins, directions and bounds.
+Further = Callable[[list[npt.NDArray[Any]]], list[npt.NDArray[Any]]]
 
 
 def run(
@@ -68,7 +72,7 @@ def run(
     division: Division,
     rays: Rays,
     results: Sequence[Any],
-    further: Callable[[list[npt.NDArray[Any]]], list[npt.NDArray[Any]]] = lambda inputs: [],
+    further: Further = lambda inputs: [],
 ) -> int:
     """Cast rays of any leading shape by launches of a bounded number of them.
 
@@ -118,11 +122,6 @@ def launch_on_host(
         allocator.bring_home(array, buffer)
 
 
-def grid_launch(name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Launch:
-    """Casts through the grids of all parts with a kernel of which each work-item takes RAYS_PER_ITEM rays."""
-    return _launch(name, target, parts, options, Division(), [])
-
-
 def cast_in_tiles(
     name: str,
     target: DeviceMesh,
@@ -133,23 +132,32 @@ def cast_in_tiles(
 ) -> int:
     """Cast with a kernel that takes tiles of rays, chosen so that they have much in common; as ``run``."""
     division = division_of(rays)
-    options = tile_options(target, parts, options)
+    launch, further = tile_launch(name, target, parts, options, division)
+    return run(target, launch, division, rays, results, further)
+
+
+def tile_launch(
+    name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines, division: Division
+) -> tuple[Launch, Further]:
+    """Casts tiles of rays through the grids of all parts; and what it takes beside them: their order."""
+    options = tile_options(name, target, parts, options, division)
     if division.row:
-        launch = _launch(name, target, parts, options, division, [np.uint32(division.row)])
-        return run(target, launch, division, rays, results)
+        return _launch(name, target, parts, options, division, [np.uint32(division.row)]), lambda inputs: []
     launch = _launch(name, target, parts, {**options, "ORDERED": 1}, division, [])
-    return run(target, launch, division, rays, results, lambda inputs: [_order(target, parts[0], inputs)])
+    return launch, lambda inputs: [_order(target, parts[0], inputs)]
 
 
-def tile_options(target: DeviceMesh, parts: Sequence[GridPart], options: Defines) -> Defines:
+def tile_options(
+    name: str, target: DeviceMesh, parts: Sequence[GridPart], options: Defines, division: Division
+) -> Defines:
     """The options of a kernel that takes tiles of rays, with what is tuned for the device."""
     tuning = tuning_of(target.device)
     options = {**options, **tuning.defines}
-    return (
-        options
-        if parts[0].lists.subgrids is not None
-        else {**options, **tuning.turns(target.mesh.triangle_count)}
-    )
+    # Rays that go alone one after another find in caches what their neighbours read.
+    followed = division.in_rows and name in _ALONE
+    if followed or parts[0].lists.subgrids is not None:
+        return options
+    return {**options, **tuning.turns(target.mesh.triangle_count)}
 
 
 def _launch(

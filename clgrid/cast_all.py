@@ -9,33 +9,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.cast import Arrays, GridPart, blank, field_defines, grid_launch, launch_on_host
+from clgrid.cast import Arrays, GridPart, blank, field_defines, launch_on_host, tile_launch
 from clgrid.errors import InputError
 from clgrid.hits import AllHits
 from clgrid.memory import largest_buffer
 from clgrid.rays import Rays
 from clgrid.target import DeviceMesh
-from clgrid.tiles import RAYS_PER_ITEM
+from clgrid.tiles import Division, division_of
 
-# Room that each chunk of rays gets at first, in hits a ray; a chunk that needs more is cast again.
-_ROOM = 8
+# Room that each ray gets at first, in hits; those that need more are cast again.
+_ROOM = 16
 _RAYS_PER_LAUNCH = 1 << 18
 _BYTES_OF_A_HIT = 16  # the largest array: two weights in float64
 
 
 @dataclass
-class _Chunks:
-    """Hits of chunks of rays, chunk by chunk in regions of their own."""
+class _Found:
+    """Hits of rays, those of each in a region of its own, as far as it has room."""
 
     counts: npt.NDArray[np.uint32]
     starts: npt.NDArray[np.uint64]
     invalid: int
     arrays: Arrays
-
-    @property
-    def by_chunk(self) -> npt.NDArray[np.int64]:
-        """Hits of each chunk, also those without room."""
-        return np.add.reduceat(self.counts, np.arange(0, len(self.counts), RAYS_PER_ITEM), dtype=np.int64)
 
     @property
     def room(self) -> npt.NDArray[np.int64]:
@@ -48,7 +43,7 @@ def cast_all(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: 
     Raises
     ------
     InputError
-        If the rays of one chunk have more hits than a buffer of the device can hold.
+        If the rays of one launch have more hits than a buffer of the device can hold.
     """
     count = len(rays.origins.reshape(-1, 3))
     stored = list(fields)
@@ -62,7 +57,8 @@ def cast_all(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: 
         _let_ascend(results, splits)
     ids = results["primitive_ids"].astype(np.int64)
     computed = {name: results[name] for name in fields}
-    return AllHits(splits, results["t_hit"], ids, found[0][2], computed)
+    t, invalid = results["t_hit"], found[0][2]
+    return AllHits(splits, t, ids, invalid, target.mesh, rays.origins, rays.directions, computed)
 
 
 def _of_part(
@@ -71,13 +67,14 @@ def _of_part(
     """Hits of each ray, the hits in order, and the number of invalid rays."""
     o, d = rays.origins.reshape(-1, 3), rays.directions.reshape(-1, 3)
     counts, pieces, invalid = [], [blank(0, fields, target.rung.real)], 0
-    for first in range(0, len(o), _RAYS_PER_LAUNCH):
-        batch = slice(first, first + _RAYS_PER_LAUNCH)
+    division = division_of(rays)
+    most = division.launch_of(_RAYS_PER_LAUNCH)
+    for first in range(0, len(o), most):
+        batch = slice(first, first + most)
         bounds = rays.bounds if len(rays.bounds) == 1 else rays.bounds[batch]
         of_batch = Rays(o[batch], d[batch], bounds)
-        chunks = -(-len(of_batch.origins) // RAYS_PER_ITEM)
-        starts = np.arange(chunks + 1, dtype=np.uint64) * np.uint64(_ROOM * RAYS_PER_ITEM)
-        done = _cast(target, part, of_batch, fields, starts)
+        starts = np.arange(len(of_batch.origins) + 1, dtype=np.uint64) * np.uint64(_ROOM)
+        done = _cast(target, part, of_batch, division, fields, starts)
         counts.append(done.counts)
         invalid += done.invalid
         pieces += _in_order(target, part, of_batch, fields, done)
@@ -87,17 +84,19 @@ def _of_part(
 
 
 def _in_order(
-    target: DeviceMesh, part: GridPart, rays: Rays, fields: Sequence[str], done: _Chunks
+    target: DeviceMesh, part: GridPart, rays: Rays, fields: Sequence[str], done: _Found
 ) -> list[Arrays]:
-    """The hits of all chunks in the order of rays; chunks that had no room for all are cast again."""
-    needed, begins = done.by_chunk, done.starts[:-1].astype(np.int64)
+    """The hits of all rays, one ray after another; rays that had no room for all are cast again."""
+    needed, begins = done.counts.astype(np.int64), done.starts[:-1].astype(np.int64)
     again = np.flatnonzero(needed > done.room)
     if not len(again):
         rows = _rows(begins, needed)
         return [{name: array[rows] for name, array in done.arrays.items()}]
     starts = np.concatenate([[0], np.cumsum(needed[again])]).astype(np.uint64)
-    second = _cast(target, part, _chunks_of(rays, again), fields, starts)
-    # The regions of the second cast follow those of the first; rows are then picked in the order of chunks.
+    bounds = rays.bounds if len(rays.bounds) == 1 else rays.bounds[again]
+    some = Rays(rays.origins[again], rays.directions[again], bounds)
+    second = _cast(target, part, some, division_of(some), fields, starts)
+    # The regions of the second cast follow those of the first; rows are then picked in the order of rays.
     begins[again] = int(done.starts[-1]) + starts[:-1].astype(np.int64)
     rows = _rows(begins, needed)
     return [{name: np.concatenate([array, second.arrays[name]])[rows] for name, array in done.arrays.items()}]
@@ -109,30 +108,28 @@ def _rows(begins: npt.NDArray[np.int64], lengths: npt.NDArray[np.int64]) -> npt.
     return np.repeat(begins - before, lengths) + np.arange(int(lengths.sum()))
 
 
-def _chunks_of(rays: Rays, chunks: npt.NDArray[np.int64]) -> Rays:
-    """The rays of some chunks; the last may be short."""
-    rows = (chunks[:, None] * RAYS_PER_ITEM + np.arange(RAYS_PER_ITEM)).reshape(-1)
-    rows = rows[rows < len(rays.origins)]
-    bounds = rays.bounds if len(rays.bounds) == 1 else rays.bounds[rows]
-    return Rays(rays.origins[rows], rays.directions[rows], bounds)
-
-
 def _cast(
-    target: DeviceMesh, part: GridPart, rays: Rays, fields: Sequence[str], starts: npt.NDArray[np.uint64]
-) -> _Chunks:
+    target: DeviceMesh,
+    part: GridPart,
+    rays: Rays,
+    division: Division,
+    fields: Sequence[str],
+    starts: npt.NDArray[np.uint64],
+) -> _Found:
     room = int(starts[-1])
     if room * _BYTES_OF_A_HIT > largest_buffer(target.device):
         raise InputError(
             f"cast_all: {room:,} hits at once exceed the device's largest buffer; cast fewer rays"
         )
     shapes = blank(0, fields, target.rung.real)
-    arrays = {name: np.zeros((max(room, 1), *a.shape[1:]), a.dtype) for name, a in shapes.items()}
-    rejected = np.zeros(len(starts) - 1, np.uint32)
+    arrays = {name: np.empty((max(room, 1), *a.shape[1:]), a.dtype) for name, a in shapes.items()}
+    rejected = np.zeros(division.items(len(rays.origins)), np.uint32)
     counts = np.zeros(len(rays.origins), np.uint32)
-    launch = grid_launch("cast_all", target, [part], field_defines(fields))
+    launch, further = tile_launch("cast_all", target, [part], field_defines(fields), division)
     inputs = [rays.origins, rays.directions, rays.bounds]
-    launch_on_host(target, launch, inputs, [rejected, counts, starts, *arrays.values()])
-    return _Chunks(counts, starts, int(rejected.sum()), arrays)
+    results: list[npt.NDArray[Any]] = [rejected, counts, starts, *arrays.values()]
+    launch_on_host(target, launch, [*inputs, *further(inputs)], results)
+    return _Found(counts, starts, int(rejected.sum()), arrays)
 
 
 def _merged(

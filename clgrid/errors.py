@@ -27,6 +27,10 @@ class UnsupportedError(ClgridError, NotImplementedError):
     """A method of another library's interface that clgrid does not have; says what does."""
 
 
+SMALLER_GRID = "lower the density or the resolution"
+"""What to do about a grid that is too large: the end of the message, where the caller chose both."""
+
+
 class GridTooLargeError(ClgridError):
     """A grid that would not fit in the device, in 32-bit indices or in ``max_memory``."""
 

@@ -22,6 +22,7 @@ ALL_FIELDS = ("primitive_uvs", "t_err")
 """The same for ``AllHits``."""
 DEFAULT_FIELDS = ("primitive_uvs",)
 DERIVED = ("mask", "geometry_ids", "primitive_normals", "points")
+ALL_DERIVED = ("geometry_ids", "primitive_normals", "points")
 ALWAYS = ("t_hit", "primitive_ids")
 
 
@@ -56,6 +57,21 @@ def checked_fields(
 
 def _range_text(t: npt.NDArray[np.float64]) -> str:
     return f"{t.min():g} to {t.max():g}" if t.size else "none"
+
+
+def unit_normals(mesh: Mesh, primitive_ids: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """(..., 3) float64: unit normals of triangles by their winding; 0 for -1 and for those without area."""
+    mask = primitive_ids >= 0
+    corners = mesh.vertices[mesh.faces[primitive_ids[mask]]].astype(np.float64)
+    # To unit size first, so that no product over- or underflows.
+    edges = corners[:, 1:] - corners[:, :1]
+    size = np.max(np.abs(edges), axis=(1, 2), keepdims=True, initial=0.0)
+    edges /= np.where(size > 0, size, 1.0)
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normals = np.zeros((*mask.shape, 3))
+    normals[mask] = normal / np.where(length > 0, length, 1.0)
+    return normals
 
 
 class _Computed:
@@ -168,17 +184,7 @@ class Hits(_Computed, Shown):
     @property
     def primitive_normals(self) -> npt.NDArray[np.float64]:
         """(..., 3) float64: unit normal of the triangle by its winding; 0 on a miss."""
-        mask = self.mask
-        corners = self.mesh.vertices[self.mesh.faces[self.primitive_ids[mask]]].astype(np.float64)
-        # To unit size first, so that no product over- or underflows.
-        edges = corners[:, 1:] - corners[:, :1]
-        size = np.max(np.abs(edges), axis=(1, 2), keepdims=True, initial=0.0)
-        edges /= np.where(size > 0, size, 1.0)
-        normal = np.cross(edges[:, 0], edges[:, 1])
-        length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        normals = np.zeros((*mask.shape, 3))
-        normals[mask] = normal / np.where(length > 0, length, 1.0)
-        return normals
+        return unit_normals(self.mesh, self.primitive_ids)
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
@@ -202,6 +208,9 @@ class AllHits(_Computed, Shown):
         Triangle.
     invalid_rays : int
         Rays that are misses because they are not finite or have no direction.
+    mesh : Mesh
+    origins, directions : (..., 3)
+        As cast.
     computed : dict of str to array
         What else was asked for, by name; each is an attribute too.
     """
@@ -210,6 +219,9 @@ class AllHits(_Computed, Shown):
     t_hit: npt.NDArray[np.float64]
     primitive_ids: npt.NDArray[np.int64]
     invalid_rays: int
+    mesh: Mesh
+    origins: npt.NDArray[Any]
+    directions: npt.NDArray[Any]
     computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
 
     def _headline(self) -> str:
@@ -218,6 +230,7 @@ class AllHits(_Computed, Shown):
 
     def _facts(self) -> Facts:
         return {
+            "mesh": self.mesh.source,
             "t_hit": _range_text(self.t_hit),
             "most hits of a ray": f"{int(self.counts.max(initial=0)):,}",
             "triangles hit": f"{len(np.unique(self.primitive_ids)):,}",
@@ -226,7 +239,7 @@ class AllHits(_Computed, Shown):
         }
 
     def __getitem__(self, name: str) -> Any:
-        if name not in ("ray_splits", "counts", "ray_ids", *ALWAYS, *ALL_FIELDS):
+        if name not in ("ray_splits", "counts", "ray_ids", *ALWAYS, *ALL_FIELDS, *ALL_DERIVED):
             raise KeyError(name)
         return getattr(self, name)
 
@@ -239,3 +252,21 @@ class AllHits(_Computed, Shown):
     def ray_ids(self) -> npt.NDArray[np.int64]:
         """(H,) int64: the ray of each hit."""
         return np.repeat(np.arange(len(self.ray_splits) - 1), self.counts)
+
+    @property
+    def geometry_ids(self) -> npt.NDArray[np.int64]:
+        """(H,) int64: geometry of the triangle."""
+        return self.mesh.geometry_ids(self.primitive_ids)
+
+    @property
+    def primitive_normals(self) -> npt.NDArray[np.float64]:
+        """(H, 3) float64: unit normal of the triangle by its winding."""
+        return unit_normals(self.mesh, self.primitive_ids)
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """(H, 3) float64: origin + t_hit * direction, in scene units."""
+        rays = self.ray_ids
+        origins, directions = (array.reshape(-1, 3)[rays] for array in (self.origins, self.directions))
+        points: npt.NDArray[np.float64] = origins + self.t_hit[:, None] * directions.astype(np.float64)
+        return points

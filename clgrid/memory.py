@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.device import Device
-from clgrid.errors import BufferTooLargeError, GridTooLargeError
+from clgrid.errors import SMALLER_GRID, BufferTooLargeError, GridTooLargeError
 
-_ADVICE = "lower the density or the resolution"
 # A recycled buffer may be so many times as large as what is asked for, or a little.
 _LOOSEST_FIT, _LITTLE = 2, 1 << 16
 # Buffers from this size on are made over numpy's arrays where the device shares the host's memory: numpy asks
@@ -86,7 +85,7 @@ class Allocator:
             (largest, largest_buffer(self._device), "the device's largest allocation", BufferTooLargeError),
         ):
             if limit is not None and need > limit:
-                raise kind(f"{what} needs {need:,} bytes, more than {name} of {limit:,}; {_ADVICE}")
+                raise kind(f"{what} needs {need:,} bytes, more than {name} of {limit:,}; {SMALLER_GRID}")
 
     def check_arrays(self, sizes: dict[str, int], what: str) -> None:
         """``check`` for a structure of so many bytes by array."""
@@ -103,7 +102,7 @@ class Allocator:
         limit = largest_buffer(self._device)
         if size > limit:
             raise BufferTooLargeError(
-                f"an array of {nbytes:,} bytes exceeds the device's {limit:,}; {_ADVICE}"
+                f"an array of {nbytes:,} bytes exceeds the device's {limit:,}; {SMALLER_GRID}"
             )
         if self.recycles:
             size = max(size, min(size + size // _HEADROOM, limit))
@@ -116,7 +115,7 @@ class Allocator:
                 buffer = cl.Buffer(self._device.context, flags, size)
         except (cl.MemoryError, cl.LogicError, MemoryError) as error:
             held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
-            raise GridTooLargeError(f"the device has no room for {held} ({error}); {_ADVICE}") from error
+            raise GridTooLargeError(f"the device has no room for {held} ({error}); {SMALLER_GRID}") from error
         self.allocations += 1
         self.in_use += buffer.size
         self.peak_nbytes = max(self.peak_nbytes, self.in_use)

@@ -175,27 +175,76 @@ def cast_closest(
     """Closest hits through the grids of all parts."""
     if not rays.count:
         return misses(target.mesh, queue, rays, fields, target.rung)
-    import pyopencl.array as cl_array
-
-    allocator, division, rung = Allocator(target.device), rays.division, target.rung
+    rung, state = target.rung, []
     results = _results(queue, rays, fields, rung)
-    invalid = cl_array.empty(queue, (division.items(rays.count),), np.uint32)
-    outputs = [array.base_data for array in (invalid, *results.values())]
     if len(parts) > 1:
         nearest = np.zeros((rays.count, rung.nearest_reals), rung.real)
         nearest[:, 0] = np.inf
-        outputs.append(allocator.upload(nearest))
-    options = tile_options(
-        target, parts, {**part_defines(parts), **field_defines(fields), **_ray_defines(rays)}
+        state.append(Allocator(target.device).upload(nearest))
+    options = {**part_defines(parts), **field_defines(fields)}
+    invalid, event = _enqueue(
+        "cast_closest", target, parts, queue, rays, options, list(results.values()), state
     )
+    return _hits(target.mesh, rays, results, invalid, event)
+
+
+def cast_any(target: DeviceMesh, parts: Sequence[GridPart], queue: Any, rays: DeviceRays) -> Any:
+    """(...) uint8 on the device: 1 where a ray meets a triangle."""
+    return _answer("cast_any", target, parts, queue, rays, np.uint8)
+
+
+def count_hits(target: DeviceMesh, parts: Sequence[GridPart], queue: Any, rays: DeviceRays) -> Any:
+    """(...) uint32 on the device: how many triangles each ray meets."""
+    return _answer("count_hits", target, parts, queue, rays, np.uint32)
+
+
+def zeros(queue: Any, rays: DeviceRays, real: type[np.unsignedinteger[Any]]) -> Any:
+    """(...) on the device: the answer where there is nothing to hit."""
+    return _filled(queue, rays, np.zeros(1, real))
+
+
+def _answer(
+    name: str,
+    target: DeviceMesh,
+    parts: Sequence[GridPart],
+    queue: Any,
+    rays: DeviceRays,
+    real: type[np.unsignedinteger[Any]],
+) -> Any:
+    """What a kernel with one result adds to zeros."""
+    array = zeros(queue, rays, real)
+    if rays.count:
+        _, event = _enqueue(name, target, parts, queue, rays, {}, [array], [])
+        array.add_event(event)
+    return array
+
+
+def _enqueue(
+    name: str,
+    target: DeviceMesh,
+    parts: Sequence[GridPart],
+    queue: Any,
+    rays: DeviceRays,
+    options: Defines,
+    results: list[Any],
+    state: list[Any],
+) -> tuple[Any, Any]:
+    """Cast through the grids of all parts: invalid rays by work-item, and the event of the last kernel.
+
+    ``state`` are buffers that the kernel takes after the results.
+    """
+    import pyopencl.array as cl_array
+
+    allocator, division = Allocator(target.device), rays.division
+    invalid = cl_array.empty(queue, (division.items(rays.count),), np.uint32)
+    outputs = [*(array.base_data for array in (invalid, *results)), *state]
+    options = tile_options(name, target, parts, {**options, **_ray_defines(rays)}, division)
     # A copy: the array would be gone before the kernel is done.
     inputs = [rays.origins.base_data, rays.directions.base_data, allocator.upload(rays.bounds)]
-    waits = _events((rays.origins, rays.directions, *results.values()))
+    waits = _events((rays.origins, rays.directions, *results))
     event = None
     for part in parts:
-        run = kernel(
-            target.device, "cast_closest.cl", "cast_closest", **options, **part.defines, **rung.defines
-        )
+        run = kernel(target.device, f"{name}.cl", name, **options, **part.defines, **target.rung.defines)
         event = run(
             queue, (division.items(rays.count),), (1,), target.frame_params, *part.arguments, *inputs,
             np.uint32(rays.count), np.uint32(division.row), *outputs, wait_for=waits,
@@ -203,7 +252,7 @@ def cast_closest(
         waits = [event]
     for array in (invalid, rays.origins, rays.directions):
         array.add_event(event)
-    return _hits(target.mesh, rays, results, invalid, event)
+    return invalid, event
 
 
 def cast_any(target: DeviceMesh, parts: Sequence[GridPart], queue: Any, rays: DeviceRays) -> Any:
@@ -241,17 +290,19 @@ def _ray_defines(rays: DeviceRays) -> Defines:
 
 def _results(queue: Any, rays: DeviceRays, fields: Sequence[str], rung: Rung) -> dict[str, Any]:
     """Arrays of the results, filled as ``blank`` fills them."""
+    return {name: _filled(queue, rays, one) for name, one in blank(1, fields, rung.real).items()}
+
+
+def _filled(queue: Any, rays: DeviceRays, one: npt.NDArray[Any]) -> Any:
+    """An array on the device with a row like ``one``, all of whose numbers are the same, a ray."""
     import pyopencl as cl
     import pyopencl.array as cl_array
 
-    filled = {}
-    for name, one in blank(1, fields, rung.real).items():
-        array = cl_array.empty(queue, (*rays.shape, *one.shape[1:]), one.dtype)
-        if array.size:
-            pattern = one.reshape(-1)[:1]
-            array.add_event(cl.enqueue_fill_buffer(queue, array.base_data, pattern, 0, array.nbytes))
-        filled[name] = array
-    return filled
+    array = cl_array.empty(queue, (*rays.shape, *one.shape[1:]), one.dtype)
+    if array.size:
+        pattern = one.reshape(-1)[:1]
+        array.add_event(cl.enqueue_fill_buffer(queue, array.base_data, pattern, 0, array.nbytes))
+    return array
 
 
 def _events(arrays: Any) -> list[Any]:

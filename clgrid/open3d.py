@@ -12,24 +12,29 @@ arguments, keys, dtypes and INVALID_ID are Open3D's; what differs:
 - Hits of ``list_intersections`` ascend by t within a ray, and triangles that coincide are listed and counted
   one by one. Open3D lists hits as it comes upon them, and of those of a geometry that follow each other with
   the same t only the first.
-- Distances and closest points are not ray casting: they raise ``UnsupportedError``.
+- Distances and closest points are computed in float64 by libigl, the extra ``distances``, then rounded. Of
+  triangles equally near, any may be named, always the same. Inside is told by exact crossings.
 
 Source of the behaviour: Open3D 0.20, cpp/open3d/t/geometry/RaycastingScene.cpp, and its tests.
 """
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NoReturn, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from clgrid.device import Device
-from clgrid.errors import InputError, MeshError, UnsupportedError
+from clgrid.errors import InputError, MeshError
 from clgrid.foreign import Ids, joined, mesh_of, mesh_of_arrays, on_host
 from clgrid.grid import Grid, build
+from clgrid.hits import unit_normals
 from clgrid.mesh import Mesh
 from clgrid.pinhole import Singles, rays_of_matrices, rays_of_view
+
+if TYPE_CHECKING:
+    from clgrid.nearest import Nearest
 
 _INVALID_ID = 0xFFFFFFFF
 
@@ -37,7 +42,8 @@ _INVALID_ID = 0xFFFFFFFF
 class RaycastingScene:
     """Triangle meshes to cast rays at, in the manner of Open3D.
 
-    One grid over all geometries is built at the first query, and again at the first after ``add_triangles``.
+    One grid over all geometries is built at the first query, and again at the first after ``add_triangles``;
+    so is a tree of boxes at the first question of distance.
 
     Parameters
     ----------
@@ -69,6 +75,7 @@ class RaycastingScene:
         self._joined = joined([])
         self._added: list[Mesh] = []
         self._grid: Grid | None = None
+        self._nearest: Nearest | None = None
 
     def __repr__(self) -> str:
         triangles = self._joined.triangle_count + sum(mesh.triangle_count for mesh in self._added)
@@ -81,13 +88,28 @@ class RaycastingScene:
     @property
     def grid(self) -> Grid:
         """The grid over all geometries; built here if there are new ones."""
-        if self._added:
-            self._joined, self._added, self._grid = joined([self._joined, *self._added]), [], None
+        mesh = self._mesh()
         if self._grid is None:
             self._grid = build(
-                self._joined, self._layout, self._density, accuracy=self._accuracy, device=self._device
+                mesh, self._layout, self._density, accuracy=self._accuracy, device=self._device
             )
         return self._grid
+
+    def _mesh(self) -> Mesh:
+        """All geometries as one mesh; what was built over fewer is gone."""
+        if self._added:
+            self._joined, self._added = joined([self._joined, *self._added]), []
+            self._grid = self._nearest = None
+        return self._joined
+
+    def _tree(self) -> Nearest:
+        """The tree over all geometries; built here if there are new ones."""
+        from clgrid.nearest import Nearest
+
+        mesh = self._mesh()
+        if self._nearest is None:
+            self._nearest = Nearest(mesh)
+        return self._nearest
 
     def add_triangles(
         self,
@@ -234,17 +256,72 @@ class RaycastingScene:
             raise InputError(f"nsamples is {nsamples}; give an odd number, at least 1")
         return self.grid.contains(on_host(query_points), require_closed=False).astype(np.float32)
 
-    def compute_closest_points(self, query_points: object, nthreads: int = 0) -> NoReturn:
-        """Raise UnsupportedError: clgrid casts rays."""
-        _no_casting("compute_closest_points")
+    def compute_closest_points(
+        self, query_points: npt.ArrayLike, nthreads: int = 0
+    ) -> dict[str, npt.NDArray[Any]]:
+        """The point of the surface that is nearest to each point.
 
-    def compute_distance(self, query_points: object, nthreads: int = 0) -> NoReturn:
-        """Raise UnsupportedError: clgrid casts rays."""
-        _no_casting("compute_distance")
+        Parameters
+        ----------
+        query_points : (..., 3) float32 or float64
+            Scene units.
+        nthreads : int
+            Not used, here and below: libigl takes all cores.
 
-    def compute_signed_distance(self, query_points: object, nthreads: int = 0, nsamples: int = 1) -> NoReturn:
-        """Raise UnsupportedError: clgrid casts rays; the sign alone is ``compute_occupancy``."""
-        _no_casting("compute_signed_distance")
+        Returns
+        -------
+        dict
+            points : (..., 3) float32
+                On the surface, in scene units; NaN where there is no triangle, or for a point that is not
+                finite.
+            geometry_ids, primitive_ids : (...) uint32
+                The triangle, as of ``cast_rays``; INVALID_ID where there is none.
+            primitive_uvs : (..., 2) float32
+                Barycentric weights of the triangle's second and third vertex; 0 if it has no area.
+            primitive_normals : (..., 3) float32
+                As of ``cast_rays``.
+
+        Raises
+        ------
+        InputError
+            If shape or dtype do not fit.
+        UnsupportedError
+            If libigl is not installed; says how to.
+        """
+        from clgrid.nearest import weights
+
+        found, mesh = self._tree().of(on_host(query_points)), self._joined
+        geometry_ids, primitive_ids = self._ids(found.primitive_ids)
+        return {
+            "points": _as_singles(found.points),
+            "geometry_ids": geometry_ids,
+            "primitive_ids": primitive_ids,
+            "primitive_uvs": weights(mesh, found).astype(np.float32),
+            "primitive_normals": unit_normals(mesh, found.primitive_ids).astype(np.float32),
+        }
+
+    def compute_distance(self, query_points: npt.ArrayLike, nthreads: int = 0) -> Singles:
+        """(...) float32: distance of each point from the surface, in scene units.
+
+        inf where there is no triangle, NaN for a point that is not finite.
+
+        Parameters, errors
+            As of ``compute_closest_points``.
+        """
+        return _as_singles(self._tree().of(on_host(query_points)).distances)
+
+    def compute_signed_distance(
+        self, query_points: npt.ArrayLike, nthreads: int = 0, nsamples: int = 1
+    ) -> Singles:
+        """(...) float32: ``compute_distance``, negative where ``compute_occupancy`` says inside.
+
+        Parameters, errors
+            As of those two.
+        """
+        points = on_host(query_points)
+        inside = self.compute_occupancy(points, nsamples=nsamples) > 0
+        distances = self.compute_distance(points)
+        return np.where(inside, -distances, distances)
 
     @overload
     @staticmethod
@@ -305,16 +382,10 @@ class RaycastingScene:
         return ids, own
 
 
-def _no_casting(name: str) -> NoReturn:
-    raise UnsupportedError(
-        f"{name}: clgrid casts rays and measures no distances; use open3d.t.geometry.RaycastingScene or"
-        " trimesh.proximity for that"
-    )
-
-
 def _as_singles(t: npt.NDArray[np.float64]) -> Singles:
     """Rounded to float32; only what is infinite becomes so."""
-    return np.where(np.isinf(t), t, np.minimum(t, np.finfo(np.float32).max)).astype(np.float32)
+    largest = np.finfo(np.float32).max
+    return np.where(np.isinf(t), t, np.clip(t, -largest, largest)).astype(np.float32)
 
 
 __all__ = ["RaycastingScene"]

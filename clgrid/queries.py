@@ -136,6 +136,54 @@ class Queries(ABC):
             return on_device.misses(self.mesh, queue, rays, wanted, self.rung)
         return on_device.cast_closest(self.target, self.standing, queue, rays, wanted)
 
+    def occluded_on_device(
+        self,
+        queue: Any,
+        origins: Any,
+        directions: Any,
+        t_min: npt.ArrayLike = 0.0,
+        t_max: npt.ArrayLike = np.inf,
+    ) -> Any:
+        """``occluded`` for rays that are on the device; the answers stay there. Does not wait for them.
+
+        Parameters, errors
+            As of ``cast_on_device``.
+
+        Returns
+        -------
+        pyopencl.array.Array of (...) uint8
+            1 where a ray meets a triangle, else 0; what is done with it on the queue waits for the kernel.
+        """
+        empty = self.empty
+        rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
+        if empty:
+            return on_device.zeros(queue, rays, np.uint8)
+        return on_device.cast_any(self.target, self.standing, queue, rays)
+
+    def count_on_device(
+        self,
+        queue: Any,
+        origins: Any,
+        directions: Any,
+        t_min: npt.ArrayLike = 0.0,
+        t_max: npt.ArrayLike = np.inf,
+    ) -> Any:
+        """``count`` for rays that are on the device; the answers stay there. Does not wait for them.
+
+        Parameters, errors
+            As of ``cast_on_device``.
+
+        Returns
+        -------
+        pyopencl.array.Array of (...) uint32
+            How many triangles each ray meets; what is done with it on the queue waits for the kernel.
+        """
+        empty = self.empty
+        rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
+        if empty:
+            return on_device.zeros(queue, rays, np.uint32)
+        return on_device.count_hits(self.target, self.standing, queue, rays)
+
     def occluded(
         self,
         origins: npt.ArrayLike,
@@ -201,7 +249,8 @@ class Queries(ABC):
             none = casting.blank(0, wanted, self.rung.real)
             splits = np.zeros(len(rays.origins.reshape(-1, 3)) + 1, np.int64)
             ids = none.pop("primitive_ids").astype(np.int64)
-            return AllHits(splits, none.pop("t_hit"), ids, invalid_count(rays), none)
+            t, invalid = none.pop("t_hit"), invalid_count(rays)
+            return AllHits(splits, t, ids, invalid, self.mesh, rays.origins, rays.directions, none)
         return cast_all(self.target, self.standing, rays, wanted)
 
     @cached_property

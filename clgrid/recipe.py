@@ -12,7 +12,7 @@ import numpy.typing as npt
 from clgrid import calibrate, cost
 from clgrid.camera import Camera
 from clgrid.device import Device
-from clgrid.errors import InputError
+from clgrid.errors import SMALLER_GRID, GridTooLargeError, InputError
 from clgrid.estimate import sample
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.layouts.lists import NESTED
@@ -107,7 +107,7 @@ class Options:
         Raises
         ------
         GridTooLargeError
-            That of the smallest grid, if all are refused.
+            That of the smallest grid, if all are refused; of an open density with what to do then.
         """
         open_density = isinstance(self.density, str) and self.resolution is None
         if self.layout in NESTED:
@@ -115,9 +115,21 @@ class Options:
         if not mesh.triangle_count or not (open_density or AUTO in (self.layout, self.skipping)):
             return attempt(self._settled()), None
         constants = calibrate.constants(device, kinds(self.layout, self.skipping))
-        found = self.candidates(mesh, device)
-        best, made = cost.first_that_fits(found, lambda one: attempt(self._recipe(one)))
+        try:
+            found = self.candidates(mesh, device)
+            best, made = cost.first_that_fits(found, lambda one: attempt(self._recipe(one)))
+        except GridTooLargeError as error:
+            if not open_density:
+                raise
+            raise type(error)(self._no_density_fits(str(error))) from error
         return made, cost.Choice(tuple(found), best, self.rays, self.max_memory, constants)
+
+    def _no_density_fits(self, refusal: str) -> str:
+        """What is told, in place of a refusal, a caller who left the density open."""
+        ways = [f"name a density below {cost.LADDER[0]:g}, the least that 'auto' tries"]
+        ways += ["layout='hashed'"] if self.layout == "compact" else []
+        ways += ["raise max_memory"] if self.max_memory is not None else []
+        return f"{refusal.removesuffix(f'; {SMALLER_GRID}')}; {', or '.join(ways)}"
 
     def candidates(self, mesh: Mesh, device: Device) -> list[cost.Candidate]:
         """What the options may become on a mesh that has triangles, with estimates.

@@ -189,7 +189,7 @@ def kernel_options(mesh: Mesh, aovs: Sequence[str]) -> dict[str, int | str]:
 
 
 def warm_up(
-    device: Device,
+    device: Device | str | None = None,
     aovs: Sequence[str] = (),
     *,
     smooth: bool = False,
@@ -199,12 +199,13 @@ def warm_up(
 ) -> float:
     """Compile what a build and a render need by drawing one triangle, in every layout that may be chosen.
 
-    Where something is to be chosen, the device's constants are fitted too.
+    Where something is to be chosen, the device's constants are fitted too. Queries compile at their first
+    call: to have that behind you, cast a ray.
 
     Parameters
     ----------
-    device : Device
-        Where.
+    device : Device or str, optional
+        As of ``clgrid.build``.
     aovs, smooth, layout, skipping, build_options
         As the later render: ``smooth`` if its mesh has vertex normals.
 
@@ -212,6 +213,11 @@ def warm_up(
     -------
     seconds : float
         How long it took, compiling above all; next to nothing the second time.
+
+    Raises
+    ------
+    InputError, DeviceError
+        As ``clgrid.build`` and ``clgrid.render``.
     """
     start = time.perf_counter()
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.errors import GridTooLargeError, InputError
+from clgrid.errors import SMALLER_GRID, GridTooLargeError, InputError
 
 DEFAULT_DENSITY = 4.0
 """Cells per triangle; the paper's own value (derived in docs/numerics.md from its Figure 1)."""
@@ -104,6 +104,6 @@ def checked(resolution: tuple[int, int, int]) -> tuple[int, int, int]:
     if cells > MOST_CELLS or max(x, y, z) > _MOST_ALONG_AXIS:
         raise GridTooLargeError(
             f"resolution {x}x{y}x{z} has {cells:,} cells, more than {MOST_CELLS:,}, or more than"
-            f" {_MOST_ALONG_AXIS:,} along an axis; lower the density or the resolution"
+            f" {_MOST_ALONG_AXIS:,} along an axis; {SMALLER_GRID}"
         )
     return x, y, z

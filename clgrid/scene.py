@@ -203,7 +203,19 @@ def default_camera(
     up: tuple[float, float, float] | None = None,
     fov: float = DEFAULT_FOV,
 ) -> Camera:
-    """Make the three-quarter view of the whole scene; of the unit cube where it has no triangle."""
+    """Make the three-quarter view of the whole scene, that of ``clgrid.render`` without a camera.
+
+    Parameters
+    ----------
+    scene : Scene or Mesh
+        Without a triangle, the cube from -1 to 1 is viewed.
+    aspect : float
+        Width of the picture by its height.
+    up : (float, float, float), optional
+        Upward in the picture; by default z for STL and for what is flat in z, else y.
+    fov : float
+        Vertical field of view in degrees.
+    """
     mesh = scene.mesh if isinstance(scene, Scene) else scene
     bounds = mesh.bounds if mesh.triangle_count else np.array([[-1.0] * 3, [1.0] * 3])
     return Camera.framing(bounds, up or up_axis(scene), fov, aspect)

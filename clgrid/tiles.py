@@ -36,6 +36,11 @@ class Division:
     row: int = 0
     size: int = RAYS_PER_ITEM
 
+    @property
+    def in_rows(self) -> bool:
+        """Whether they are known to be an image's."""
+        return self.row >= _SHORTEST_ROW
+
     def items(self, count: int) -> int:
         """Work-items for so many rays."""
         if not self.row:

@@ -47,11 +47,16 @@ def use(folder: Path, device: str) -> None:
         counts: npt.NDArray[np.uint32] = grid.count(origins, directions)
         every: clgrid.AllHits = grid.cast_all(origins, directions)
         assert int(counts.sum()) == len(every.t_hit)
+        assert every.points.shape == every.primitive_normals.shape == (len(every.geometry_ids), 3)
         assert bool((occluded == hits.mask).all())
         oracle: clgrid.Hits = clgrid.brute_force(mesh, origins, directions, device=device)
         assert np.array_equal(oracle.t_hit, t)
     inside: npt.NDArray[np.bool_] = clgrid.build(mesh, accuracy="exact", device=device).contains([[0, 0, 0]])
     assert inside.tolist() == [True]
+    framed: clgrid.Camera = clgrid.default_camera(mesh, 16 / 12)
+    seconds: float = clgrid.warm_up(device, ("depth",), density=1.0)
+    assert framed.fov == clgrid.default_camera(scene).fov
+    assert seconds >= 0
     image: clgrid.Image = clgrid.render(scene, camera, 16, 12, ("depth",), grid=grid)
     image.save(folder / "picture.exr")
     assert clgrid.read_image(folder / "picture.exr").width == 16

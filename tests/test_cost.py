@@ -286,6 +286,25 @@ def test_memory_is_a_bound_of_the_choice(device: Device) -> None:
         predict(mesh, max_memory=least - 1, **dense)
 
 
+@pytest.mark.host
+def test_a_refusal_says_what_is_left_to_do(device: Device) -> None:
+    """Who left the density open cannot lower it: a lower one is to be named, and is then taken."""
+    mesh = icosphere(4)
+    limit = sum(predict(mesh, density=cost.LADDER[0], device=device).values()) - 1
+    tight = {"device": device, "max_memory": limit}
+    ways = (
+        "; name a density below 0.25, the least that 'auto' tries, or layout='hashed', or raise max_memory$"
+    )
+    with pytest.raises(GridTooLargeError, match=rf"needs [\d,]+ bytes, .*{ways}") as refused:
+        build(mesh, **tight)
+    assert "lower the density" not in str(refused.value)
+    assert build(mesh, density=0.01, **tight).nbytes <= limit
+    with pytest.raises(GridTooLargeError, match=r"; lower the density or the resolution$"):
+        build(mesh, density=4, **tight)
+    with pytest.raises(GridTooLargeError, match=r"; lower the density or the resolution$"):
+        build(mesh, density=4, skipping="auto", **tight)
+
+
 def test_no_choice_changes_an_answer(device: Device) -> None:
     mesh = icosphere(4)
     origins, directions = default_camera(mesh, 1.0).rays(64, 64)

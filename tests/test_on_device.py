@@ -31,6 +31,17 @@ def on(queue: Any, *arrays: np.ndarray) -> list[Any]:
     return [cl_array.to_device(queue, np.ascontiguousarray(array)) for array in arrays]
 
 
+def assert_answers_as_hosts(grid: Grid, rays: tuple[np.ndarray, np.ndarray], *rest: Any) -> None:
+    queue = queue_of(grid.device)
+    on_it = on(queue, *rays)
+    for found, expected in (
+        (grid.occluded_on_device(queue, *on_it, *rest), grid.occluded(*rays, *rest).astype(np.uint8)),
+        (grid.count_on_device(queue, *on_it, *rest), grid.count(*rays, *rest)),
+    ):
+        assert (found.shape, found.dtype) == (expected.shape, expected.dtype)
+        assert found.get().tobytes() == expected.tobytes()
+
+
 def assert_as_cast(grid: Grid, rays: tuple[np.ndarray, np.ndarray], *rest: Any, **options: Any) -> None:
     queue = queue_of(grid.device)
     found = grid.cast_on_device(queue, *on(queue, *rays), *rest, **options)
@@ -48,6 +59,16 @@ def assert_as_cast(grid: Grid, rays: tuple[np.ndarray, np.ndarray], *rest: Any, 
 def test_the_bits_of_cast(layout: str, device: Device) -> None:
     grid = build(procedural.icosphere(4), layout, device=device)
     assert_as_cast(grid, some_rays(count=3001))
+
+
+def test_occlusion_and_counts_are_the_hosts(device: Device) -> None:
+    grid = build(procedural.icosphere(4), device=device)
+    rays = some_rays(count=3001)
+    assert 0 < grid.occluded(*rays).mean() < 1
+    assert_answers_as_hosts(grid, rays, 0.25, np.linspace(0, 3, 3001))
+    for shape in ((), (0,), (40, 7), (9, 30)):
+        count = int(np.prod(shape))
+        assert_answers_as_hosts(grid, tuple(array[:count].reshape(*shape, 3) for array in rays))
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])
@@ -99,6 +120,7 @@ def test_several_parts(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
         grid = build(procedural.icosphere(4), density=4, device=device)
     assert grid.stats.parts > 1
     assert_as_cast(grid, some_rays(count=1000))
+    assert_answers_as_hosts(grid, some_rays(count=1000))
 
 
 def test_a_mesh_without_triangles(device: Device) -> None:
@@ -106,6 +128,7 @@ def test_a_mesh_without_triangles(device: Device) -> None:
     origins, directions = some_rays(count=20)
     directions[3] = 0
     assert_as_cast(grid, (origins, directions))
+    assert_answers_as_hosts(grid, (origins, directions))
 
 
 def test_hits_are_taken_on_by_other_work(device: Device) -> None:
@@ -120,6 +143,8 @@ def test_hits_are_taken_on_by_other_work(device: Device) -> None:
     found = grid.cast_on_device(queue, far * 2, along)
     twice = found.t_hit + found.t_hit
     np.testing.assert_array_equal(twice.get(), 2 * grid.cast(origins, directions).t_hit)
+    counts = grid.count_on_device(queue, far * 2, along)
+    np.testing.assert_array_equal((counts + counts).get(), 2 * grid.count(origins, directions))
     assert found.event.command_execution_status == cl.command_execution_status.COMPLETE
 
 
@@ -145,10 +170,12 @@ def test_what_does_not_fit_is_refused(device: Device) -> None:
         ((queue, origins, directions, np.zeros(3)), "do not broadcast"),
     ]
     for arguments, message in cases:
-        with pytest.raises(InputError, match=message):
-            grid.cast_on_device(*arguments)
+        for ask in (grid.cast_on_device, grid.occluded_on_device, grid.count_on_device):
+            with pytest.raises(InputError, match=message):
+                ask(*arguments)
     with pytest.raises(InputError, match="unknown 'colour'"):
         grid.cast_on_device(queue, origins, directions, fields=("colour",))
     grid.release()
-    with pytest.raises(clgrid.InputError, match="was released"):
-        grid.cast_on_device(queue, origins, directions)
+    for ask in (grid.cast_on_device, grid.occluded_on_device, grid.count_on_device):
+        with pytest.raises(clgrid.InputError, match="was released"):
+            ask(queue, origins, directions)

@@ -18,7 +18,7 @@ from meshes import MESHES
 from clgrid import brute_force, procedural
 from clgrid.brute import brute_force_count
 from clgrid.device import Device
-from clgrid.errors import ClgridError, InputError, MeshError, UnsupportedError
+from clgrid.errors import InputError, MeshError
 from clgrid.mesh import Mesh
 from clgrid.open3d import RaycastingScene
 from clgrid.rational import Triangles, crossings
@@ -334,14 +334,6 @@ def test_bad_meshes_are_one_clear_error_and_change_nothing(number: int, device: 
         scene.add_triangles(*args, **kwargs)
     assert scene.add_triangles(*TRIANGLE) == 1
     assert scene.grid.mesh.triangle_count == 2
-
-
-@pytest.mark.parametrize("name", ["compute_distance", "compute_signed_distance", "compute_closest_points"])
-def test_what_is_no_ray_casting_says_what_to_use(name: str) -> None:
-    with pytest.raises(UnsupportedError, match=f"{name}: .*trimesh.proximity"):
-        getattr(RaycastingScene(), name)([[0, 0, 0]])
-    assert issubclass(UnsupportedError, ClgridError)
-    assert issubclass(UnsupportedError, NotImplementedError)
 
 
 def test_the_script_wants_a_checkout(tmp_path: Path) -> None:

@@ -117,12 +117,56 @@ def stack(count: int, copies: bool = False) -> Mesh:
     return soup(corners)
 
 
+@pytest.mark.host
+def test_where_all_hits_are(device: Device) -> None:
+    mesh = Mesh(
+        np.concatenate([MESHES["torus"].vertices, MESHES["torus"].vertices + np.float32(0.25)]),
+        np.concatenate([MESHES["torus"].faces, MESHES["torus"].faces + len(MESHES["torus"].vertices)]),
+        geometry_starts=np.array([0, MESHES["torus"].triangle_count, 2 * MESHES["torus"].triangle_count]),
+        geometry_names=("one", "other"),
+    )
+    grid = build(mesh, density=4, device=device)
+    o, d = mixed(mesh, (5, 4, 6), 600, 1)[:2]
+    o, d = (np.asarray(each, np.float32).reshape(-1, 3)[:600].reshape(20, 30, 3) for each in (o, d))
+    every, nearest = grid.cast_all(o, d), grid.cast(o, d)
+    first = every.ray_splits[:-1][every.counts > 0]
+    assert 0 < len(first) < len(every.t_hit)
+    for name in ("geometry_ids", "primitive_normals", "points"):
+        np.testing.assert_array_equal(every[name][first], nearest[name][nearest.mask])
+    assert every.points.dtype == np.float64
+    assert set(every.geometry_ids.tolist()) == {0, 1}
+    along = every.points - o.reshape(-1, 3)[every.ray_ids]
+    assert np.allclose(along, every.t_hit[:, None] * d.reshape(-1, 3)[every.ray_ids], atol=1e-6)
+    nothing = build(NOTHING, device=device).cast_all(o, d)
+    assert (nothing.points.shape, nothing.geometry_ids.shape) == ((0, 3), (0,))
+
+
+@pytest.mark.host
+def test_an_order_of_rays_changes_no_list(device: Device) -> None:
+    """Rays are cast in tiles of neighbours, and hits of some want more room than there is at first."""
+    mesh = stack(40)
+    rng = np.random.default_rng(3)
+    o, d = rng.uniform(-0.2, 0.2, (1000, 3)), rng.normal(size=(1000, 3))
+    o[:, 2], d[:, 2] = -1, 8
+    grid = build(mesh, resolution=(2, 2, 8), device=device)
+    high = rng.uniform(0, 0.2, 1000)
+    every = grid.cast_all(o, d, 0.0, high)
+    assert every.counts.min() == 0
+    assert (every.counts > cast_all._ROOM).any()
+    shuffled = rng.permutation(1000)
+    other = grid.cast_all(o[shuffled], d[shuffled], 0.0, high[shuffled])
+    np.testing.assert_array_equal(other.counts, every.counts[shuffled])
+    rows = np.concatenate([np.arange(every.ray_splits[i], every.ray_splits[i + 1]) for i in shuffled])
+    for name in ("t_hit", "primitive_ids", "primitive_uvs"):
+        assert other[name].tobytes() == every[name][rows].tobytes()
+
+
 @pytest.mark.slow
 @pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", RUNGS)
 @pytest.mark.parametrize("copies", [False, True])
 def test_ten_thousand_hits_a_ray(copies: bool, accuracy: str, device: Device) -> None:
-    """More than the room that each chunk has at first; rays between them have none or few."""
+    """More than the room that each ray has at first; rays between them have none or few."""
     count = 10_000
     mesh = stack(count, copies)
     grid = build(mesh, resolution=(2, 2, 40), accuracy=accuracy, device=device)

@@ -10,7 +10,6 @@ import common
 import numpy as np
 
 import clgrid
-from clgrid.scene import default_camera
 
 SAMPLES = 32
 REACH = 0.5  # as a share of the scene's size
@@ -20,7 +19,7 @@ scene = clgrid.load_scene(arguments.scene)
 size = np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0))
 grid = clgrid.build(scene.mesh)
 
-camera = default_camera(scene, 4 / 3)
+camera = clgrid.default_camera(scene, 4 / 3)
 origins, directions = camera.rays(arguments.size, arguments.size * 3 // 4)
 hits = grid.cast(origins, directions)
 normals = hits.primitive_normals

@@ -12,7 +12,6 @@ import common
 import numpy as np
 
 import clgrid
-from clgrid.scene import default_camera
 
 NOISE = 0.005  # standard deviation at the middle of the scene, as a share of the depth there
 GRAZING = 0.25  # the least cosine to the normal that returns light
@@ -25,7 +24,7 @@ grid = clgrid.build(scene.mesh)
 middle = scene.mesh.bounds.mean(axis=0)
 
 side = arguments.size // 2
-camera = default_camera(scene, 1.0)
+camera = clgrid.default_camera(scene, 1.0)
 origins, directions = camera.rays(side, side)
 hits = grid.cast(origins, directions)
 

@@ -10,14 +10,13 @@ import common
 import numpy as np
 
 import clgrid
-from clgrid.scene import default_camera
 
 arguments = common.parser(__doc__, "demo").parse_args()
 scene = clgrid.load_scene(arguments.scene)
 size = np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0))
 grid = clgrid.build(scene.mesh)
 
-camera = default_camera(scene, 4 / 3)
+camera = clgrid.default_camera(scene, 4 / 3)
 origins, directions = camera.rays(arguments.size, arguments.size * 3 // 4)
 hits = grid.cast(origins, directions)
 normals = hits.primitive_normals
