@@ -106,6 +106,7 @@ def render(
         image.geometry_id = _geometry_ids(mesh, image.primitive_id)
     seconds = time.perf_counter() - start
     image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs) | grid.rung.defines, seconds)
+    image.metadata["worldToNDC"] = view.world_to_ndc(width, height)
     return image
 
 
