@@ -238,7 +238,7 @@ class Camera:
         return matrix
 
     def world_to_ndc(self, width: int, height: int) -> Vector:
-        """(4, 4) float64 for column vectors: (0, 0) is the picture's upper left corner, (1, 1) its lower right.
+        """(4, 4) float64 for column vectors: (0, 0) is the picture's upper left, (1, 1) its lower right.
 
         After the division by the fourth, the third coordinate is without meaning, as in OpenEXR.
         """

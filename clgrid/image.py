@@ -2,7 +2,8 @@
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
 (primitive_id geometry_id), ``steps``, ``t_err``. Ids and steps are UINT32 parts filled from integers:
-through float buffers OpenImageIO would scale them. A PNG or JPEG holds the colour alone, 8-bit sRGB without alpha.
+through float buffers OpenImageIO would scale them. A PNG or JPEG holds the colour alone, 8-bit sRGB without
+alpha.
 """
 
 from __future__ import annotations
@@ -129,7 +130,8 @@ class Image(Shown):
         path : str or Path
             A file that is there is replaced.
         compression : str
-            Of an EXR: none, rle, zips, zip, piz, or for its colours a lossy one: pxr24, b44, b44a, dwaa, dwab.
+            Of an EXR: none, rle, zips, zip, piz, or a lossy one for its colours: pxr24, b44, b44a, dwaa,
+            dwab.
         half : bool
             Write an EXR's colours in 16 bits; all else keeps its 32.
         tile : int

@@ -61,7 +61,8 @@ class Saving:
     quality : int
         Of a JPEG, 1 to 100.
     timings : bool
-        Whether seconds and the date are among the metadata; without them the same picture gives the same bytes.
+        Whether seconds and the date are among the metadata; without them the same picture gives the same
+        bytes.
     window : Window or None
         Of a cropped picture.
 
@@ -91,9 +92,7 @@ class Saving:
         return self.timings or not (key.startswith("clgrid:") and key.endswith("_s"))
 
 
-def write_parts(
-    path: Path, parts: Sequence[Part], metadata: Mapping[str, Attribute], saving: Saving
-) -> None:
+def write_parts(path: Path, parts: Sequence[Part], metadata: Mapping[str, Attribute], saving: Saving) -> None:
     """Write channel groups with the metadata; the format follows from the suffix.
 
     Raises

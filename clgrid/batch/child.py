@@ -16,6 +16,7 @@ import msgspec
 
 from clgrid.batch import messages
 
+MODULE = "clgrid.batch.worker"
 # Lines of a dead child's stderr that are kept.
 _LAST_LINES = 20
 
@@ -38,12 +39,12 @@ class Child:
     ) -> None:
         self._events: queue.SimpleQueue[messages.Event] = queue.SimpleQueue()
         self._last_lines: deque[str] = deque(maxlen=_LAST_LINES)
-        command = [sys.executable, "-m", "clgrid.batch.worker"]
+        command = [sys.executable, "-m", MODULE]
         environment = dict(os.environ)
         if cores:
             # Before a driver counts them.
             start = f"import os, runpy; os.sched_setaffinity(0, {list(cores)!r}); "
-            command[1:] = ["-c", start + "runpy.run_module('clgrid.batch.worker', run_name='__main__')"]
+            command[1:] = ["-c", start + f"runpy.run_module({MODULE!r}, run_name='__main__')"]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

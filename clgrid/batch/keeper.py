@@ -1,7 +1,8 @@
 """Get items drawn by a child process, whatever it does: it may crash, hang, or be killed.
 
-Several items are under way at once: one is drawn, the one before it is written, those behind it are read. When the
-child dies, those under way are drawn again one at a time, so that an item is blamed only for what it did alone.
+Several items are under way at once: one is drawn, the one before it is written, those behind it are read.
+When the child dies, those under way are drawn again one at a time: an item is blamed only for what it did
+alone.
 """
 
 from __future__ import annotations
@@ -110,8 +111,7 @@ class Keeper:
     def draw(self, items: Iterable[Item]) -> Iterator[ItemRecord]:
         """Draw items; what became of each comes as soon as it is known.
 
-        Items are taken one by one, shortly before their turn. After ``stop`` those that have not begun are left
-        out.
+        Items are taken one by one, shortly before their turn. After ``stop`` no more are begun.
 
         Raises
         ------
@@ -178,7 +178,9 @@ class Keeper:
             raise DeviceError(event.error)
         said = child.last_words()
         how = how_it_ended(event.code) if isinstance(event, messages.Ended) else "does not answer"
-        raise DeviceError(f"the process that draws {how} at its start{f': {said}' if said else ''}; clgrid doctor")
+        raise DeviceError(
+            f"the process that draws {how} at its start{f': {said}' if said else ''}; clgrid doctor"
+        )
 
     def _next_event(self) -> Iterator[ItemRecord]:
         child = self._child

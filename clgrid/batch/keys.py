@@ -1,7 +1,7 @@
 """Content keys: a hash of all that a picture depends on, kept in the picture's metadata.
 
-The key holds the bytes of the scene's files, the options that change pixels or the file, and clgrid's version. It
-does not hold the device, for the bits are the same on every one; but for ``fast``, which does not promise that.
+The key holds the bytes of the scene's files, the options that change pixels or the file, and our version.
+It does not hold the device, for the bits are the same on every one; but for ``fast``, which promises no such.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ KEY = "clgrid:content_key"
 # They decide where and how long, not what.
 _NOT_CONTENT = ("device", "max_memory", "time_limit", "retries")
 _NAMED_IN_OBJ = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
-_NAMED_IN_MTL = re.compile(rb"^\s*(?:map_\w+|bump|norm|disp|decal)\s+(?:.*\s)?(\S+)\s*$", re.MULTILINE | re.IGNORECASE)
+_NAMED_IN_MTL = re.compile(
+    rb"^\s*(?:map_\w+|bump|norm|disp|decal)\s+(?:.*\s)?(\S+)\s*$", re.MULTILINE | re.IGNORECASE
+)
 _DAMAGED_END = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
 
 
@@ -116,4 +118,6 @@ def has_picture(path: Path, key: str) -> bool:
         metadata = read_image(path).metadata
     except (ClgridError, OSError):
         return False
-    return metadata.get(KEY) == key or f"{KEY}: {key}" in str(metadata.get("ImageDescription", "")).split("\n")
+    return metadata.get(KEY) == key or f"{KEY}: {key}" in str(metadata.get("ImageDescription", "")).split(
+        "\n"
+    )

@@ -60,7 +60,7 @@ class Ledger:
                 return
             reason = "disk full"
         except OSError as error:
-            reason = error.strerror
+            reason = error.strerror or str(error)
         with contextlib.suppress(OSError):
             os.ftruncate(self._file, before)
         raise ClgridError(f"{self.path}: a record cannot be written ({reason}); make room and run again")

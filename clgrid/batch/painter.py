@@ -1,7 +1,7 @@
 """Draw items one after another, keeping what the next one can use: scene, grid, compiled kernels.
 
-What is kept changes no picture. Where the choice of a grid would (``fast``, and the AOV ``steps``), a grid is kept
-only for the camera that it was chosen for; and a moving mesh's grid is always chosen at frame 0.
+What is kept changes no picture. Where the choice of a grid would (``fast``, and the AOV ``steps``), a grid is
+kept only for the camera that it was chosen for; and a moving mesh's grid is always chosen at frame 0.
 """
 
 from __future__ import annotations
@@ -149,7 +149,14 @@ class Painter:
         )
         warnings = loaded.scene.mesh.warnings
         return Painted(
-            image, device, described, grid.mesh.triangle_count, compile_s, built - start, drawn - built, warnings
+            image,
+            device,
+            described,
+            grid.mesh.triangle_count,
+            compile_s,
+            built - start,
+            drawn - built,
+            warnings,
         )
 
     def release(self) -> None:
@@ -166,8 +173,8 @@ class Painter:
         smooth = mesh.vertex_normals is not None and loaded.poses is None
         options = _grid_options(settings)
         density = options["density"] if options["resolution"] is None else 1.0
-        kind = (device.label, settings.aovs, smooth, options["layout"], density == "auto", options["accuracy"])
-        kind = (*kind, options["skipping"])
+        choices = options["layout"], density == "auto", options["accuracy"], options["skipping"]
+        kind = (device.label, settings.aovs, smooth, choices)
         if kind in self._warm:
             return 0.0
         taken = warm_up(

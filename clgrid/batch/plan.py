@@ -1,14 +1,13 @@
 """From a job to its items: which scene, frame and camera each picture shows, and where it goes.
 
-All that can be wrong with a job is found here, before any work. Scenes are the outermost, cameras the innermost: a
-mesh is loaded once and moved once a frame.
+All that can be wrong with a job is found here, before any work. Scenes are the outermost, cameras the
+innermost: a mesh is loaded once and moved once a frame.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import glob
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +20,7 @@ from clgrid.batch.item import Item
 from clgrid.batch.job import Job, Override, Settings, View, merged
 from clgrid.batch.poses import count_in_file
 from clgrid.errors import ClgridError, InputError
-from clgrid.image import EXTENSIONS
-from clgrid.imagefile import Saving
+from clgrid.imagefile import EXTENSIONS, Saving
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.recipe import Options
 from clgrid.renderer import AOVS
@@ -65,6 +63,9 @@ class Shard:
     def of(self, items: list[Item]) -> list[Item]:
         """The items of this shard."""
         return [item for item in items if item.number % self.count == self.index]
+
+
+WHOLE_JOB = Shard()
 
 
 def parse_shard(text: str) -> Shard:
@@ -115,7 +116,9 @@ def plan(job: Job, base: Path) -> Plan:
     names.require_distinct([(path, item.title) for item in items for path in item.outputs])
     for settings in {msgspec.json.encode(item.settings): item.settings for item in items}.values():
         check_settings(settings)
-    records = _under(base, job.records) if job.records else names.fixed_folder(patterns[0], base) / "run.jsonl"
+    records = (
+        _under(base, job.records) if job.records else names.fixed_folder(patterns[0], base) / "run.jsonl"
+    )
     return Plan(items, records)
 
 
@@ -221,7 +224,7 @@ def _frames_of(job: Job, scene: str, vertices: str | None) -> list[int | None]:
         return list(range(count))
     if count is not None and max(numbers) >= count:
         raise InputError(
-            f"frames {job.frames!r}: frame {max(numbers)} is not there, {vertices or scene} has 0..{count - 1}"
+            f"frames {job.frames!r}: there is no frame {max(numbers)}, {vertices or scene} has 0..{count - 1}"
         )
     return list(numbers)
 
@@ -308,5 +311,3 @@ def saving_of(settings: Settings) -> Saving:
     """How pictures are written: the same bytes for the same item, so without seconds."""
     given = {name: getattr(settings, name) for name in ("compression", "half", "tile", "quality")}
     return Saving(timings=False, **{name: value for name, value in given.items() if value is not None})
-
-

@@ -1,7 +1,7 @@
 """Where frames come from: the one place that knows what moves a mesh.
 
-``poses_of`` gives what a painter needs: how many frames there are and the vertices of each. A scene that brings
-``frames`` of its own is taken as it is; a ``.npy`` file beside a mesh is read here.
+``poses_of`` gives what a painter needs: how many frames there are and the vertices of each. A scene that
+brings ``frames`` of its own is taken as it is; a ``.npy`` file beside a mesh is read here.
 """
 
 from __future__ import annotations
@@ -95,6 +95,8 @@ def count_in_file(path: Path) -> int | None:
             return int(shape[0]) if shape else None
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(f"vertices {path}: cannot be read ({reason}); give a .npy or .npy.gz file") from error
+        raise InputError(
+            f"vertices {path}: cannot be read ({reason}); give a .npy or .npy.gz file"
+        ) from error
     except (ValueError, EOFError, KeyError):
         return None

@@ -22,7 +22,7 @@ from clgrid.batch.item import DONE, FAILED, SKIPPED, Item, ItemRecord, Written, 
 from clgrid.batch.keeper import Keeper
 from clgrid.batch.keys import Hashes, has_picture
 from clgrid.batch.ledger import Ledger
-from clgrid.batch.plan import Plan, Shard
+from clgrid.batch.plan import WHOLE_JOB, Plan, Shard
 from clgrid.image import target_of
 
 
@@ -73,7 +73,7 @@ class Choices:
         For items that name none.
     """
 
-    shard: Shard = Shard()
+    shard: Shard = WHOLE_JOB
     skip_existing: bool = False
     keep_going: bool = True
     device: str | None = None

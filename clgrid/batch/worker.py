@@ -1,7 +1,7 @@
-"""The child process that draws items: reads the next scene and writes the last picture while the device works.
+"""The child process that draws items: reads ahead and writes behind while the device works.
 
-Orders come by stdin, events go by what was stdout. When stdin ends the parent is gone, or done with us: the process
-ends at once, for a picture that is being written has no name yet.
+Orders come by stdin, events go by what was stdout. When stdin ends the parent is gone, or done with us: the
+process ends at once, for a picture that is being written has no name yet.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from clgrid.batch.plan import saving_of
 from clgrid.errors import ClgridError, GridTooLargeError, InputError, MeshError, UnsupportedError
 from clgrid.record import describe_device, process_peak_bytes
 
+# Compressing a small picture takes longer than drawing it.
+_WRITERS = 2
 # Their reason is in the item itself: trying again would not help.
 _FINAL = (MeshError, InputError, GridTooLargeError, UnsupportedError)
 
@@ -49,11 +51,11 @@ class Worker:
         self._speaking = threading.Lock()
         self._stopping = threading.Event()
         self._orders: queue.SimpleQueue[tuple[Item, Future[Loaded]] | None] = queue.SimpleQueue()
-        # One thread each, so that both work in order.
+        # One thread, so that scenes are read in order.
         self._reader = ThreadPoolExecutor(1, "read")
-        self._writer = ThreadPoolExecutor(1, "write")
-        # A picture that waits while one is written; more would only take memory.
-        self._unwritten = threading.BoundedSemaphore(2)
+        self._writer = ThreadPoolExecutor(_WRITERS, "write")
+        # One more than are written at once; others would only take memory.
+        self._unwritten = threading.BoundedSemaphore(_WRITERS + 1)
         self._last: Loaded | None = None
 
     def work(self, orders: BinaryIO) -> None:
