@@ -24,6 +24,8 @@ DEFAULT_RETRIES = 1
 # Items that wait in the child: one is being read, one is ready.
 _AHEAD = 2
 _START_SECONDS = 300.0
+# Times that a child may die before it can draw.
+_STARTS = 3
 # A compiler that has not ended by then hangs.
 _COMPILE_SECONDS = 600.0
 _POLL_SECONDS = 0.5
@@ -169,18 +171,22 @@ class Keeper:
             self._child.tell(messages.Draw(attempt.item))
 
     def _started(self) -> Child:
-        child = Child(self._device, self._held, self._cores)
-        event = child.event(_START_SECONDS)
-        if isinstance(event, messages.Ready):
-            return child
-        child.kill()
-        if isinstance(event, messages.Refused):
-            raise DeviceError(event.error)
-        said = child.last_words()
-        how = how_it_ended(event.code) if isinstance(event, messages.Ended) else "does not answer"
-        raise DeviceError(
-            f"the process that draws {how} at its start{f': {said}' if said else ''}; clgrid doctor"
-        )
+        """A child whose device works; one that dies at its start is replaced a few times."""
+        for left in reversed(range(_STARTS)):
+            child = Child(self._device, self._held, self._cores)
+            event = child.event(_START_SECONDS)
+            if isinstance(event, messages.Ready):
+                return child
+            child.kill()
+            if isinstance(event, messages.Refused):
+                raise DeviceError(event.error)
+            self.replaced += 1
+            if not left or self.stopping:
+                how = how_it_ended(event.code) if isinstance(event, messages.Ended) else "does not answer"
+                said = child.last_words()
+                break
+        reason = f"{how}{f': {said}' if said else ''}"
+        raise DeviceError(f"the process that draws {reason}, before it began; clgrid doctor says more")
 
     def _next_event(self) -> Iterator[ItemRecord]:
         child = self._child
@@ -242,7 +248,7 @@ class Keeper:
             self._again(attempt)
             return
         record = about(attempt.item, clgrid.__version__, FAILED)
-        error = f"{how}{f': {said}' if said else ''}; {attempt.attempts} attempts"
+        error = f"{how}{f': {said}' if said else ''}; tried {attempt.attempts}x"
         yield msgspec.structs.replace(record, error=error, attempts=attempt.attempts)
 
 

@@ -32,12 +32,14 @@ p { margin: .25rem 0; color: var(--quiet); overflow-wrap: anywhere }
 dl { display: flex; flex-wrap: wrap; gap: .5rem 1.75rem; margin: 1rem 0 1.25rem }
 dt { color: var(--quiet); font-size: .8rem }
 dd { margin: 0; font-size: 1.1rem; font-variant-numeric: tabular-nums }
-.grid { display: grid; gap: .9rem; align-items: start; grid-template-columns: repeat(auto-fill, minmax(10.5rem, 1fr)) }
+.grid { display: grid; gap: .9rem; align-items: start;
+  grid-template-columns: repeat(auto-fill, minmax(10.5rem, 1fr)) }
 figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: .5rem;
   overflow: hidden }
 figure.failed { background: var(--badcard); border-color: var(--bad) }
 img, .none { display: block; width: 100%; aspect-ratio: 4/3; object-fit: contain; background: #8882 }
-.none { display: grid; place-items: center; background: none; aspect-ratio: 4/1; color: var(--bad); font-size: 1.6rem }
+.none { display: grid; place-items: center; background: none; aspect-ratio: 4/1;
+  color: var(--bad); font-size: 1.6rem }
 figcaption { padding: .5rem .65rem .6rem; font-size: .8rem; overflow-wrap: anywhere }
 figcaption b { display: block; font-size: .88rem }
 .t { color: var(--quiet); font-variant-numeric: tabular-nums }
