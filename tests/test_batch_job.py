@@ -49,7 +49,8 @@ def test_a_wrong_file_is_refused_with_line_and_key(text, said):
 
 
 def test_lines_of_keys_are_found_behind_what_looks_like_keys():
-    text = 'a = """\nb = 1\n[c]\n"""\nb = [ # [\n  "x = 1",\n  "]",\n]\n[c]\nd.e = 2\n[[f]]\ng = 1\n[[f]]\ng = 2\n'
+    text = 'a = """\nb = 1\n[c]\n"""\nb = [ # [\n  "x = 1",\n  "]",\n]\n'
+    text += "[c]\nd.e = 2\n[[f]]\ng = 1\n[[f]]\ng = 2\n"
     assert keys_by_line(text) == {
         "a": 1, "b": 5, "c": 9, "c.d.e": 10, "f[0]": 11, "f[0].g": 12, "f[1]": 13, "f[1].g": 14,
     }  # fmt: skip

@@ -108,7 +108,8 @@ def test_frames_are_those_of_a_grid_built_anew_in_any_order_and_shard(tmp_path, 
     sizes = np.linspace(1, 2, 5, dtype=np.float32)[:, None, None]
     np.save(tmp_path / "v.npy", mesh.vertices[None] * sizes)
     text = (
-        'scenes = ["icosphere:2"]\nvertices = "v.npy"\nframes = "all"\nsize = [24, 16]\naovs = ["id", "steps"]\n'
+        'scenes = ["icosphere:2"]\nvertices = "v.npy"\nframes = "all"\nsize = [24, 16]\n'
+        'aovs = ["id", "steps"]\n'
         'output = "{camera}.{frame}.exr"\ndensity = 4.0\n'
     )
     outcome = go(tmp_path, text, device)

@@ -1,11 +1,12 @@
-"""A batch on a Dask cluster: items are tasks, a worker keeps one child process and with it one OpenCL context.
+"""A batch on a Dask cluster: items are tasks, a worker keeps one child process with one OpenCL context.
 
-What goes over the network is items and records. Pictures go to the file system that all machines share, by the
-same rename as anywhere. A worker that dies costs the item under way there one more try, on another worker.
+Items and records go over the network. Pictures go to the file system that all machines share, by the
+same rename as anywhere. A worker that dies costs the item there one more try, on another.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections.abc import Iterable, Iterator
@@ -16,7 +17,6 @@ import msgspec
 import clgrid
 from clgrid.batch.item import FAILED, Item, ItemRecord, about
 from clgrid.batch.keeper import Keeper
-from clgrid.batch.ledger import Ledger
 from clgrid.batch.plan import Plan
 from clgrid.batch.run import Choices, Outcome, Show, run
 from clgrid.errors import DeviceError, InputError
@@ -46,6 +46,8 @@ def run_on_cluster(plan: Plan, choices: Choices, show: Show, address: str) -> Ou
         import distributed
     except ImportError as error:
         raise InputError("--dask: distributed is not installed; pip install 'clgrid[dask]'") from error
+    # It tells of every connection; what matters is in the records.
+    logging.getLogger("distributed").setLevel(logging.ERROR)
     count = _local_count(address)
     if count:
         made = distributed.LocalCluster(
@@ -54,10 +56,12 @@ def run_on_cluster(plan: Plan, choices: Choices, show: Show, address: str) -> Ou
     else:
         made = address
     try:
-        with distributed.Client(made, timeout="30s", set_as_default=False) as client:
-            return run(plan, choices, show, lambda ledger: Cluster(client, choices.device, count, ledger))
-    except (OSError, ValueError) as error:
-        raise InputError(f"--dask {address}: no scheduler there ({error})") from error
+        try:
+            client = distributed.Client(made, timeout="30s", set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"--dask {address}: no scheduler answers ({error})") from error
+        with client:
+            return run(plan, choices, show, lambda ledger: Cluster(client, choices.device, count))
     finally:
         if count:
             made.close()
@@ -76,7 +80,7 @@ def _local_count(address: str) -> int:
 class Cluster:
     """Those who draw, on a cluster."""
 
-    def __init__(self, client: Any, device: str | None, local: int, ledger: Ledger) -> None:
+    def __init__(self, client: Any, device: str | None, local: int) -> None:
         self._client = client
         self._stopping = False
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
@@ -94,7 +98,7 @@ class Cluster:
 
         source = iter(items)
         by_key: dict[str, Item] = {}
-        tasks = as_completed([])
+        tasks = as_completed([], loop=self._client.loop)
         while True:
             while not self._stopping and len(by_key) < self._hands:
                 item = next(source, None)

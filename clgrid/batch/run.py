@@ -187,7 +187,8 @@ def _draw_all(
             hands.close()
         else:
             hands.kill()
-            remove_partials(items)
+        # Of children that died on the way, too.
+        remove_partials(items)
 
 
 @contextmanager
