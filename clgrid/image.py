@@ -9,7 +9,6 @@ alpha.
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,13 +18,22 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import ImageError
-from clgrid.imagefile import EXTENSIONS, OIIO_TYPES, Attribute, Part, Saving, Window, one_line, write_parts
+from clgrid.imagefile import (
+    EXTENSIONS,
+    OIIO_TYPES,
+    Attribute,
+    Part,
+    Saving,
+    Window,
+    one_line,
+    partial_of,
+    write_parts,
+)
 from clgrid.shown import Facts, Shown, below_picture
 
 __all__ = ["NO_ID", "Attribute", "Image", "Window", "check_output", "read_image", "to_srgb8"]
 
 NO_ID = 0xFFFFFFFF
-_PARTIAL = re.compile(r"\.(.+)\.\d+-[0-9a-f]{8}\.partial(\.\w+)")
 
 # Of the metadata, what a notebook shows.
 _TOLD = ("clgrid:source", "clgrid:triangles", "clgrid:device", "clgrid:layout", "clgrid:render_s")
@@ -186,18 +194,6 @@ class Image(Shown):
                 pixels = np.ascontiguousarray(array, dtype).reshape(self.height, self.width, len(channels))
                 parts.append((name, channels, pixels))
         return parts
-
-
-def partial_of(target: Path) -> Path:
-    """Where a picture is written before it gets its name; each writer has a place of its own."""
-    token = f"{os.getpid()}-{os.urandom(4).hex()}"
-    return target.with_name(f".{target.stem}.{token}.partial{target.suffix.lower()}")
-
-
-def target_of(partial: Path) -> Path | None:
-    """The picture that a partial file was to become; None of any other file."""
-    match = _PARTIAL.fullmatch(partial.name)
-    return None if match is None else partial.with_name(match[1] + match[2])
 
 
 def check_output(path: str | Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +29,9 @@ _NO_DATE = "    :  :     :  :  "
 _COLOURS = ("rgba", "albedo")
 # OpenImageIO's names; it takes a name that it does not know, such as "float32", for half floats.
 OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
+
+
+_PARTIAL = re.compile(r"\.(.+)\.\d+-[0-9a-f]{8}\.partial(\.\w+)")
 
 
 @dataclass(frozen=True)
@@ -119,9 +125,18 @@ def write_parts(path: Path, parts: Sequence[Part], metadata: Mapping[str, Attrib
         # What is buffered may fail to reach the disk only here.
         done = out.close() and done
         if not done:
-            raise ImageError(f"{path.parent}: picture cannot be written ({one_line(out.geterror())})")
+            raise ImageError(_why(path, parts, one_line(out.geterror())))
     finally:
         out.close()
+
+
+def _why(path: Path, parts: Sequence[Part], said: str) -> str:
+    """Why a picture could not be written, under the name that it was to have."""
+    target = target_of(path) or path
+    left = shutil.disk_usage(path.parent).free
+    if left < sum(array.nbytes for _, _, array in parts):
+        return f"{target}: cannot be written, the disk has {left} bytes left; make room"
+    return f"{target}: cannot be written ({said})"
 
 
 def _spec(part: Part, saving: Saving) -> Any:
@@ -171,6 +186,18 @@ def _as_text(metadata: Mapping[str, Attribute]) -> dict[str, Attribute]:
     ]
     software = {key: value for key, value in metadata.items() if key == "Software"}
     return {**software, "ImageDescription": "\n".join(lines)}
+
+
+def partial_of(target: Path) -> Path:
+    """Where a picture is written before it gets its name; each writer has a place of its own."""
+    token = f"{os.getpid()}-{os.urandom(4).hex()}"
+    return target.with_name(f".{target.stem}.{token}.partial{target.suffix.lower()}")
+
+
+def target_of(partial: Path) -> Path | None:
+    """The picture that a partial file was to become; None of any other file."""
+    match = _PARTIAL.fullmatch(partial.name)
+    return None if match is None else partial.with_name(match[1] + match[2])
 
 
 def one_line(text: str) -> str:

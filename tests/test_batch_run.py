@@ -27,7 +27,8 @@ from clgrid.batch.sheet import write_sheet
 from clgrid.cli.batch_progress import Quiet
 from clgrid.device import Device
 from clgrid.errors import ClgridError, InputError
-from clgrid.image import partial_of, read_image
+from clgrid.image import read_image
+from clgrid.imagefile import partial_of
 from clgrid.renderer import render
 from clgrid.scene import load_scene
 

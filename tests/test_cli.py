@@ -182,7 +182,7 @@ def test_an_empty_mesh_is_an_empty_picture_with_a_warning(run, device):
         ["render", "cube", "-o", "a.png", "--frobnicate"],
         ["render", "nosuch.ply", "-o", "a.png"],
         ["render", "icosphere:99", "-o", "a.png"],
-        ["render", "cube", "-o", "a.jpg"],
+        ["render", "cube", "-o", "a.gif"],
         ["render", "cube", "-o", "no/such/a.png"],
         ["render", "cube", "-o", "a.png", "--aov", "depth"],
         ["render", "cube", "-o", "a.exr", "--aov", "uv"],

@@ -14,8 +14,8 @@ from test_image import picture
 
 from clgrid.camera import Camera
 from clgrid.errors import InputError
-from clgrid.image import Window, partial_of, read_image, target_of
-from clgrid.imagefile import COMPRESSIONS
+from clgrid.image import Window, read_image
+from clgrid.imagefile import COMPRESSIONS, partial_of, target_of
 
 LOSSY = ("pxr24", "b44", "b44a", "dwaa", "dwab")
 

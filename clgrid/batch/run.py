@@ -23,7 +23,7 @@ from clgrid.batch.keeper import Keeper
 from clgrid.batch.keys import Hashes, has_picture
 from clgrid.batch.ledger import Ledger
 from clgrid.batch.plan import WHOLE_JOB, Plan, Shard
-from clgrid.image import target_of
+from clgrid.imagefile import target_of
 
 
 class Crew(Protocol):
