@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -26,7 +27,6 @@ from clgrid.grid import Grid, build
 from clgrid.image import Image
 from clgrid.imagefile import Window
 from clgrid.look import Shading
-from clgrid.mesh import Mesh
 from clgrid.renderer import render, warm_up
 from clgrid.scene import Scene, default_camera, load_scene, named_camera, parse_up, up_axis
 
@@ -133,7 +133,7 @@ class Painter:
         grid = self._grid_for(item, loaded, device, view)
         built = time.perf_counter()
         # A frame's mesh is the moved one, which the scene of the file does not know.
-        shown = loaded.scene if item.frame is None else _with_mesh(loaded.scene, grid.mesh)
+        shown = loaded.scene if item.frame is None else replace(loaded.scene, mesh=grid.mesh)
         long = width * height * max(1, settings.samples or 1) >= _LONG
         image = render(
             shown, view, width, height, aovs, grid=grid, progress=progress if long else None,
@@ -202,7 +202,7 @@ class Painter:
             self.release()
             mesh = loaded.scene.mesh
             if loaded.poses is not None:
-                mesh = _posed(mesh, loaded.poses.vertices(0))
+                mesh = mesh.moved(loaded.poses.vertices(0))
             self._grid = build(mesh, device=device, rays=rays, view=view, **options)
             self._scene, self._grid_of = loaded.scene, of
             self._at = 0
@@ -218,16 +218,6 @@ class Painter:
         self._grid = None
         grid.update(poses.vertices(frame))
         self._grid, self._at = grid, frame
-
-
-def _posed(mesh: Mesh, vertices: Any) -> Mesh:
-    """The mesh in a pose; its normals were of another."""
-    return mesh.moved(np.ascontiguousarray(vertices))
-
-
-def _with_mesh(scene: Scene, mesh: Mesh) -> Scene:
-    """The scene with another mesh."""
-    return replace(scene, mesh=mesh)
 
 
 def _grid_options(settings: Settings) -> dict[str, Any]:
@@ -295,6 +285,8 @@ def _describe(image: Image, item: Item) -> None:
     for name in _CHOSEN:
         image.metadata.pop(name, None)
     image.metadata[KEY] = item.key
+    # The name alone: the same key means the same bytes, wherever the files are.
+    image.metadata["clgrid:source"] = Path(item.scene).name
     image.metadata["clgrid:source_sha256"] = item.source_sha256
     if item.frame is not None:
         image.metadata["clgrid:frame"] = item.frame

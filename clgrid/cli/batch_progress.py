@@ -62,14 +62,23 @@ def line_of(record: ItemRecord) -> str:
 
 
 class Bars:
-    """Two bars: items with their rate and the time that is left, and the rows of a large picture."""
+    """Two bars: items with their rate and the time that is left, and the rows of a large picture.
+
+    Parameters
+    ----------
+    asked : int
+        Items of the run.
+    bars : rich.progress.Progress
+    """
 
     def __init__(self, asked: int, bars: Any) -> None:
         self._bars = bars
+        self._asked = asked
+        self._ended = 0
         self._begun = time.monotonic()
         self._failed = 0
-        self._items = bars.add_task("items", total=asked, rate="")
-        self._rows = bars.add_task("", total=1.0, rate="", visible=False)
+        self._items = bars.add_task("items", total=asked, told=f"0/{asked}")
+        self._rows = bars.add_task("", total=1.0, told="", visible=False)
 
     def event(self, event: Event) -> None:
         """Show the stage, and the rows of a large picture."""
@@ -77,20 +86,20 @@ class Bars:
 
         if isinstance(event, Turn):
             self._bars.update(
-                self._rows, description=f"{event.stage} {event.item}", completed=0, visible=True
+                self._rows, description=f"{event.stage} {event.item}", completed=0, told="", visible=True
             )
         elif isinstance(event, Share):
-            self._bars.update(self._rows, completed=event.share)
+            self._bars.update(self._rows, completed=event.share, told=f"{event.share:.0%}")
 
     def item(self, record: ItemRecord) -> None:
         """Count it; say it above the bars if it failed."""
         if record.error:
             self._failed += 1
             self._bars.console.print(line_of(record), style="red", markup=False, highlight=False)
-        ended = self._bars.tasks[0].completed + 1
-        rate = ended / max(1e-9, time.monotonic() - self._begun)
+        self._ended += 1
+        rate = self._ended / max(1e-9, time.monotonic() - self._begun)
         failed = f", {self._failed} failed" if self._failed else ""
-        self._bars.update(self._items, advance=1, rate=f"{rate:.3g}/s{failed}")
+        self._bars.update(self._items, advance=1, told=f"{self._ended}/{self._asked} {rate:.3g}/s{failed}")
 
 
 @contextmanager
@@ -103,13 +112,12 @@ def shown(asked: int, *, quiet: bool) -> Iterator[Quiet | Lines | Bars]:
         yield Lines(asked)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[told]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
