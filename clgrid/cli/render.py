@@ -140,6 +140,7 @@ def render(
     }
     wishes = {
         "frames": frames,
+        "vertices": vertices,
         "shard": shard,
         "skip": skip_existing,
         "limit": time_limit,
@@ -184,7 +185,7 @@ def _one(
     """Draw one picture and say what it took."""
     (width, height), aovs = picture["size"], picture["aovs"]
     paths = [Path(name) for name in outputs]
-    _check_outputs(paths, aovs)
+    _check_outputs(paths, aovs, saving)
 
     from clgrid.bench import Measurement, Work, load_timed
     from clgrid.device import choose
@@ -229,10 +230,12 @@ def _window(crop: tuple[int, int, int, int], size: tuple[int, int]) -> Window:
     return Window(crop[0], crop[1], *size)
 
 
-def _check_outputs(paths: list[Path], aovs: tuple[str, ...]) -> None:
+def _check_outputs(paths: list[Path], aovs: tuple[str, ...], saving: dict[str, Any]) -> None:
     """Find out before any work what would fail after it."""
     from clgrid.image import check_output
+    from clgrid.imagefile import Saving
 
+    Saving(**saving)
     for path in paths:
         check_output(path)
     if aovs and not any(path.suffix.lower() == ".exr" for path in paths):
