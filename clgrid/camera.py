@@ -243,6 +243,22 @@ class Camera:
         matrix[:3, 3] = -(axes @ self.eye)
         return matrix
 
+    def world_to_ndc(self, width: int, height: int) -> Vector:
+        """(4, 4) float64 for column vectors: (0, 0) is the picture's upper left, (1, 1) its lower right.
+
+        After the division by the fourth, the third coordinate is without meaning, as in OpenEXR.
+        """
+        step_x, step_y = self.steps(width, height)
+        x, y = 1.0 / (width * _length(step_x)), 1.0 / (height * _length(step_y))
+        flat = self.orthographic_height is not None
+        depth = (0.0, 0.0, 1.0, 0.0)
+        one = (0.0, 0.0, 0.0, 1.0)
+        # The middle of the picture is at one half, times what is divided by: 1 or the depth.
+        across, down = ((x, 0, 0, 0.5), (0, -y, 0, 0.5)) if flat else ((x, 0, 0.5, 0), (0, -y, 0.5, 0))
+        rows = np.array([across, down, depth if flat else one, one if flat else depth], np.float64)
+        product: Vector = rows @ self.world_to_camera()
+        return product
+
 
 def _least_distance(across: Vector, depth: Vector, tangent: float) -> float:
     """How far back from depth 0 a view must start to hold all points between two picture borders."""
@@ -290,6 +306,10 @@ def _unit(vector: Sequence[float] | Vector) -> Vector | None:
         return None
     array = array / largest
     return array / math.sqrt(float(array @ array))
+
+
+def _length(vector: Vector) -> float:
+    return math.sqrt(float(vector @ vector))
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

@@ -1,16 +1,16 @@
-"""Pictures: float arrays with named channel groups, written to EXR and PNG and read back.
+"""Pictures: float arrays with named channel groups, written to EXR, PNG and JPEG and read back.
 
 An EXR holds one part a group: ``rgba`` (R G B A), ``depth`` (Z), ``normal`` (N.X N.Y N.Z), ``id``
 (primitive_id geometry_id), ``steps``, ``t_err``, ``P`` (P.X P.Y P.Z), ``uv`` (uv.U uv.V), ``albedo``
 (albedo.R albedo.G albedo.B), ``coverage``. Ids and steps are UINT32 parts filled from integers: through float
-buffers OpenImageIO would scale them. A PNG holds the colour alone, 8-bit sRGB without alpha.
+buffers OpenImageIO would scale them. A PNG or JPEG holds the colour alone, 8-bit sRGB
+without alpha.
 """
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,21 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import ImageError
+from clgrid.imagefile import (
+    EXTENSIONS,
+    OIIO_TYPES,
+    Attribute,
+    Part,
+    Saving,
+    Window,
+    one_line,
+    partial_of,
+    write_parts,
+)
 from clgrid.shown import Facts, Shown, below_picture
 
-Attribute = str | int | float | npt.NDArray[np.float64]
+__all__ = ["NO_ID", "Attribute", "Image", "Window", "check_output", "read_image", "to_srgb8"]
 
-EXTENSIONS = (".exr", ".png")
 NO_ID = 0xFFFFFFFF
 
 # Of the metadata, what a notebook shows.
@@ -42,8 +52,6 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("albedo", np.float32, ("albedo.R", "albedo.G", "albedo.B")),
     ("coverage", np.float32, ("coverage",)),
 )
-# OpenImageIO's names; it takes a name that it does not know, such as "float32", for half floats.
-_OIIO_TYPES = {"float32": "float", "uint32": "uint", "uint8": "uint8"}
 
 
 @dataclass(repr=False)
@@ -136,30 +144,61 @@ class Image(Shown):
             self.save(path)
             return path.read_bytes()
 
-    def save(self, path: str | Path) -> None:
-        """Write to ``.exr`` or ``.png``; the file appears under its name only when complete.
+    def save(
+        self,
+        path: str | Path,
+        *,
+        compression: str = "zips",
+        half: bool = False,
+        tile: int = 0,
+        quality: int = 90,
+        timings: bool = True,
+        window: Window | None = None,
+    ) -> None:
+        """Write to ``.exr``, ``.png`` or ``.jpg``; the file appears under its name only when complete.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that is there is replaced.
+        compression : str
+            Of an EXR: none, rle, zips, zip, piz, or a lossy one for its colours: pxr24, b44, b44a, dwaa,
+            dwab.
+        half : bool
+            Write an EXR's colours in 16 bits; all else keeps its 32.
+        tile : int
+            Side of an EXR's tiles, a multiple of 16; 0 writes scanlines.
+        quality : int
+            Of a JPEG, 1 to 100.
+        timings : bool
+            Keep the seconds among the metadata; without them the same picture gives the same bytes.
+        window : Window, optional
+            Where in the whole picture this one lies, for an EXR's data and display windows.
 
         Raises
         ------
         ImageError
             If the extension is unknown or the file cannot be written.
+        InputError
+            If an option is unknown or out of range.
         """
+        saving = Saving(compression, half, tile, quality, timings, window)
         target = Path(path)
         check_output(target)
-        partial = target.with_name(f".{target.stem}.{os.getpid()}.partial{target.suffix.lower()}")
+        partial = partial_of(target)
         try:
             if target.suffix.lower() == ".exr":
-                _write(partial, self._exr_parts(), self.metadata)
+                write_parts(partial, self._exr_parts(), self.metadata, saving)
             else:
                 colour = to_srgb8(self.rgba[..., :3])
-                _write(partial, [("", ("R", "G", "B"), colour)], _as_text(self.metadata))
+                write_parts(partial, [("", ("R", "G", "B"), colour)], self.metadata, saving)
             os.replace(partial, target)
         except OSError as error:
             raise ImageError(f"{target}: cannot be written ({error.strerror}); choose another -o") from error
         finally:
             partial.unlink(missing_ok=True)
 
-    def _exr_parts(self) -> list[tuple[str, tuple[str, ...], npt.NDArray[Any]]]:
+    def _exr_parts(self) -> list[Part]:
         ids = None
         if self.primitive_id is not None and self.geometry_id is not None:
             ids = np.stack([self.primitive_id, self.geometry_id], -1)
@@ -195,7 +234,7 @@ def check_output(path: str | Path) -> None:
     """
     target = Path(path)
     if target.suffix.lower() not in EXTENSIONS:
-        raise ImageError(f"{target}: unknown picture format; end its name in {' or '.join(EXTENSIONS)}")
+        raise ImageError(f"{target}: unknown picture format; end its name in {', '.join(EXTENSIONS)}")
     if not target.parent.is_dir():
         raise ImageError(f"{target}: no such folder {target.parent}; create it or choose another -o")
     if target.is_dir():
@@ -221,7 +260,7 @@ def read_image(path: str | Path) -> Image:
 
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise ImageError(f"{path}: cannot be read as a picture ({_one_line(oiio.geterror())})")
+        raise ImageError(f"{path}: cannot be read as a picture ({one_line(oiio.geterror())})")
     found: dict[str, npt.NDArray[Any]] = {}
     metadata: dict[str, Any] = {}
     part = 0
@@ -232,9 +271,9 @@ def read_image(path: str | Path) -> Image:
         if part == 0:
             metadata = {a.name: a.value for a in spec.extra_attribs if not a.name.startswith("oiio:")}
         if wanted is not None:
-            pixels = source.read_image(part, 0, 0, spec.nchannels, _OIIO_TYPES[np.dtype(wanted[0]).name])
+            pixels = source.read_image(part, 0, 0, spec.nchannels, OIIO_TYPES[np.dtype(wanted[0]).name])
             if pixels is None:
-                raise ImageError(f"{path}: damaged picture ({_one_line(source.geterror())})")
+                raise ImageError(f"{path}: damaged picture ({one_line(source.geterror())})")
             found[name] = _pick(pixels, list(spec.channelnames), wanted[1], path)
         part += 1
     source.close()
@@ -278,61 +317,3 @@ def _pick(
         else:
             raise ImageError(f"{path}: part lacks channel {channel}, it has {', '.join(names)}")
     return np.stack(planes, -1)
-
-
-def _write(
-    path: Path,
-    parts: list[tuple[str, tuple[str, ...], npt.NDArray[Any]]],
-    metadata: Mapping[str, Attribute],
-) -> None:
-    import OpenImageIO as oiio  # noqa: N813
-
-    specs = []
-    for name, channels, array in parts:
-        spec = oiio.ImageSpec(array.shape[1], array.shape[0], len(channels), _OIIO_TYPES[array.dtype.name])
-        spec.channelnames = channels
-        if name:
-            spec["oiio:subimagename"] = name
-            # Rows of a part are compressed one by one: fast to write, exact.
-            spec["compression"] = "zips"
-        if array.dtype == np.uint8:
-            spec["oiio:ColorSpace"] = "sRGB"
-        elif name == "rgba":
-            spec["oiio:ColorSpace"] = "lin_rec709"
-        specs.append(spec)
-    for key, value in metadata.items():
-        if isinstance(value, np.ndarray):
-            # Row vectors, the order of OpenEXR and Imath.
-            specs[0].attribute(key, "matrix", tuple(float(x) for x in value.T.ravel()))
-        elif isinstance(value, int) and not -(2**31) <= value < 2**31:
-            # Integer attributes have 32 bits.
-            specs[0].attribute(key, str(value))
-        else:
-            specs[0].attribute(key, value)
-    out = oiio.ImageOutput.create(str(path))
-    if out is None:
-        raise ImageError(f"{path}: OpenImageIO cannot write {path.suffix} ({_one_line(oiio.geterror())})")
-    try:
-        done = out.open(str(path), tuple(specs)) if len(specs) > 1 else out.open(str(path), specs[0])
-        for k, (_, _, array) in enumerate(parts):
-            if done and k:
-                done = out.open(str(path), specs[k], "AppendSubimage")
-            done = done and out.write_image(array)
-        if not done:
-            raise ImageError(f"{path.parent}: picture cannot be written ({_one_line(out.geterror())})")
-    finally:
-        out.close()
-
-
-def _as_text(metadata: Mapping[str, Attribute]) -> dict[str, Attribute]:
-    """Put everything into the description of a PNG, which has room for few named texts."""
-    lines = [
-        f"{key}: {value.tolist() if isinstance(value, np.ndarray) else value}"
-        for key, value in metadata.items()
-    ]
-    software = {key: value for key, value in metadata.items() if key == "Software"}
-    return {**software, "Description": "\n".join(lines)}
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split()) or "no reason given"

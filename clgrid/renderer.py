@@ -136,6 +136,7 @@ def render(
     seconds = time.perf_counter() - start
     image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs) | grid.rung.defines, seconds)
     image.metadata |= _told_of(order, stages, cropped=crop is not None)
+    image.metadata["worldToNDC"] = view.world_to_ndc(width, height)
     return image
 
 

@@ -182,7 +182,7 @@ def test_an_empty_mesh_is_an_empty_picture_with_a_warning(run, device):
         ["render", "cube", "-o", "a.png", "--frobnicate"],
         ["render", "nosuch.ply", "-o", "a.png"],
         ["render", "icosphere:99", "-o", "a.png"],
-        ["render", "cube", "-o", "a.jpg"],
+        ["render", "cube", "-o", "a.gif"],
         ["render", "cube", "-o", "no/such/a.png"],
         ["render", "cube", "-o", "a.png", "--aov", "depth"],
         ["render", "cube", "-o", "a.exr", "--aov", "uv"],
@@ -231,14 +231,14 @@ def test_what_nobody_foresaw_is_one_line_too(run, monkeypatch):
 
 
 def test_ctrl_c_is_exit_code_130_and_leaves_no_half_file(run, device, monkeypatch):
-    write = image_module._write
+    write = image_module.write_parts
 
     def interrupted(path: Path, *rest: object) -> None:
         write(path, *rest)
         assert len(list(Path().iterdir())) == 1
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(image_module, "_write", interrupted)
+    monkeypatch.setattr(image_module, "write_parts", interrupted)
     done = run("render", "cube", "-o", "a.exr", "--size", "8x8", "--device", device.label)
     assert done.code == 130
     assert "Traceback" not in done.err

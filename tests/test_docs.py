@@ -110,6 +110,7 @@ def test_command_lines_are_understood(page):
 def test_the_guide_has_a_page_for_each_task():
     assert {path.stem for path in DOCS.glob("guide/*.md")} == {
         "accuracy",
+        "batch",
         "cast_rays",
         "devices",
         "inside_tests",

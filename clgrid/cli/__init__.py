@@ -1,7 +1,7 @@
 """The command line: arguments in, tables or JSON out; the work is done below.
 
-Exit codes: 0 done, 1 usage or input error, 2 a comparison failed, 3 no usable device, 130 interrupted,
-141 the reader of our output went away.
+Exit codes: 0 done, 1 usage or input error, 2 a comparison failed, 3 no usable device, 4 not all pictures of a
+batch are there, 130 interrupted, 143 a batch ended by SIGTERM, 141 the reader of our output went away.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import clgrid
-from clgrid.cli import bench, devices, info, render, verify
+from clgrid.cli import batch, bench, devices, info, render, verify
 from clgrid.cli.output import OutputClosedError
 from clgrid.errors import ClgridError
 
@@ -28,6 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(render.render)
+app.command()(batch.batch)
 app.command()(bench.bench)
 app.command()(info.info)
 app.command()(verify.verify)

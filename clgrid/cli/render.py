@@ -1,13 +1,13 @@
-"""``clgrid render``: one picture of one scene."""
+"""``clgrid render``: one picture of one scene; several of them go the way of ``clgrid batch``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clgrid.cli import cameras, options, output
+from clgrid.cli import batch, cameras, options, output, picture_options, render_many
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from clgrid.bench import Measurement
     from clgrid.grid import Grid
     from clgrid.image import Image
+    from clgrid.imagefile import Window
     from clgrid.record import Row
 
     Show = Callable[[str, float | None], None] | None
@@ -26,7 +27,8 @@ Outputs = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="Picture to write, .exr or .png; may be given several times.",
+        help="Picture to write, .exr, .png or .jpg; may be given several times. Of several pictures a"
+        " pattern: out/{scene}.{camera}.{frame:04d}.exr; also {folder}, {item}.",
         rich_help_panel=options.OUTPUT,
         show_default=False,
     ),
@@ -48,17 +50,40 @@ Background = Annotated[
 ]
 
 
+CameraNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        metavar="NAME|INDEX|FILE.json|all",
+        help="A camera of the glTF file, or of a camera file; may be given several times.",
+        rich_help_panel=options.CAMERA,
+        show_default=False,
+    ),
+]
+
+
 def render(
-    scene: options.SceneName,
+    scenes: options.SceneNames,
     outputs: Outputs,
     size: options.Size = "1024x1024",
     aov: Aov = "",
     background: Background = "0.9",
-    camera: cameras.CameraName = "",
+    crop: picture_options.Crop = "",
+    frames: picture_options.Frames = "",
+    vertices: picture_options.Vertices = "",
+    camera: CameraNames = None,
     eye: cameras.Eye = "",
     look_at: cameras.LookAt = "",
     up: cameras.Up = "auto",
     fov: cameras.Fov = None,
+    samples: picture_options.Samples = None,
+    seed: picture_options.Seed = None,
+    lights: picture_options.Lights = None,
+    sun: picture_options.Sun = "",
+    sun_strength: picture_options.SunStrength = None,
+    sky: picture_options.Sky = "",
+    occlusion_rays: picture_options.OcclusionRays = None,
+    occlusion_distance: picture_options.OcclusionDistance = None,
     layout: options.Layout = "compact",
     density: options.Density = "auto",
     resolution: options.Resolution = "",
@@ -66,38 +91,113 @@ def render(
     device: options.DeviceName = None,
     max_memory: options.MaxMemory = "",
     skipping: options.Skipping = False,
+    shard: batch.ShardOption = "",
+    skip_existing: batch.SkipExisting = False,
+    keep_going: batch.KeepGoing = True,
+    time_limit: batch.TimeLimit = None,
+    retries: batch.Retries = None,
+    compression: picture_options.Compression = None,
+    half: picture_options.Half = False,
+    tile: picture_options.Tile = None,
+    quality: picture_options.Quality = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
-    """Render a picture of a scene."""
-    width, height = options.parse_size(size)
-    colour = options.parse_colour(background)
-    memory = options.parse_bytes(max_memory)
-    cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
-    aovs = tuple(name for name in aov.split(",") if name)
+) -> int:
+    """Render a picture of a scene, or many pictures of many scenes, frames and cameras."""
+    shading = render_many.shading_of(
+        {
+            "samples": samples,
+            "seed": seed,
+            "lights": lights,
+            "sun": sun,
+            "sun_strength": sun_strength,
+            "sky": sky,
+            "occlusion_rays": occlusion_rays,
+            "occlusion_distance": occlusion_distance,
+        }
+    )
+    files: dict[str, Any] = {
+        "compression": compression,
+        "half": half or None,
+        "tile": tile,
+        "quality": quality,
+    }
+    saving = {name: value for name, value in files.items() if value is not None}
+    place = {"eye": eye, "look_at": look_at, "up": up, "fov": fov}
+    window = picture_options.parse_crop(crop)
+    grid = {
+        "layout": layout,
+        "density": options.parse_density(density),
+        "resolution": options.parse_resolution(resolution),
+        "accuracy": accuracy,
+        "max_memory": options.parse_bytes(max_memory),
+        "skipping": skipping,
+    }
+    picture: dict[str, Any] = {
+        "size": options.parse_size(size),
+        "background": options.parse_colour(background),
+        "aovs": tuple(name for name in aov.split(",") if name),
+    }
+    wishes = {
+        "frames": frames,
+        "vertices": vertices,
+        "shard": shard,
+        "skip": skip_existing,
+        "limit": time_limit,
+        "retries": retries,
+    }
+    if render_many.is_job(scenes, outputs, camera or (), **wishes):
+        settings = {**picture, **grid, **shading, **saving, "crop": window}
+        job = render_many.job_of(scenes, outputs, camera or (), place, frames, vertices, settings)
+        return batch.run_job(
+            job,
+            Path.cwd(),
+            shard=shard,
+            skip_existing=skip_existing,
+            keep_going=keep_going,
+            time_limit=time_limit,
+            retries=retries,
+            dask="",
+            sheet=None,
+            device=device,
+            json=json,
+            quiet=quiet,
+        )
+    extra: dict[str, Any] = {}
+    if shading:
+        from clgrid.look import Shading
+
+        extra["shading"] = Shading(**shading)
+    if window is not None:
+        extra["crop"] = window
+        saving["window"] = _window(window, picture["size"])
+    name = camera[0] if camera else ""
+    return _one(
+        scenes[0], outputs, picture, place | {"camera": name}, grid, extra, saving, device, json, quiet
+    )
+
+
+def _one(
+    scene: str, outputs: list[str], picture: dict[str, Any], place: dict[str, Any],
+    grid_options: dict[str, Any], extra: dict[str, Any], saving: dict[str, Any],
+    device: str | None, json: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Draw one picture and say what it took."""
+    (width, height), aovs = picture["size"], picture["aovs"]
     paths = [Path(name) for name in outputs]
-    _check_outputs(paths, aovs)
+    _check_outputs(paths, aovs, saving)
 
     from clgrid.bench import Measurement, Work, load_timed
     from clgrid.device import choose
     from clgrid.renderer import render as draw
 
     chosen = choose(device)
-    work = Work(
-        width=width,
-        height=height,
-        layout=layout,
-        density=cells_per_triangle,
-        resolution=cells,
-        accuracy=accuracy,
-        max_memory=memory,
-        skipping=skipping,
-    )
+    work = Work(width=width, height=height, **grid_options)
     with output.progress(quiet=quiet) as show:
         _say(show, f"load {scene}")
         loaded, load_s = load_timed(scene)
         output.warn(loaded.mesh.warnings, quiet=quiet)
-        view = cameras.choose_camera(loaded, width / height, camera, eye, look_at, up, fov)
+        view = cameras.choose_camera(loaded, width / height, **place)
         seen = Measurement(loaded, load_s, chosen)
         if loaded.mesh.triangle_count:
             _say(show, "compile")
@@ -113,19 +213,29 @@ def render(
                 height,
                 aovs,
                 grid=grid,
-                background=colour,
+                background=picture["background"],
                 progress=None if show is None else lambda share: show("render", share),
+                **extra,
             )
         )
         row = seen.row(grid, image)
-        save_s = _save(image, paths, row, show)
+        save_s = _save(image, paths, row, show, loaded.path, saving)
     _report(row, seen, grid, paths, save_s, json=json, quiet=quiet)
+    return 0
 
 
-def _check_outputs(paths: list[Path], aovs: tuple[str, ...]) -> None:
+def _window(crop: tuple[int, int, int, int], size: tuple[int, int]) -> Window:
+    from clgrid.imagefile import Window
+
+    return Window(crop[0], crop[1], *size)
+
+
+def _check_outputs(paths: list[Path], aovs: tuple[str, ...], saving: dict[str, Any]) -> None:
     """Find out before any work what would fail after it."""
     from clgrid.image import check_output
+    from clgrid.imagefile import Saving
 
+    Saving(**saving)
     for path in paths:
         check_output(path)
     if aovs and not any(path.suffix.lower() == ".exr" for path in paths):
@@ -137,10 +247,16 @@ def _say(show: Show, step: str) -> None:
         show(step, None)
 
 
-def _save(image: Image, paths: list[Path], row: Row, show: Show) -> dict[str, float]:
+def _save(
+    image: Image, paths: list[Path], row: Row, show: Show, source: Path | None, saving: dict[str, Any]
+) -> dict[str, float]:
     """Write the picture with its timings; return the seconds by file."""
     import time
 
+    from clgrid.batch.keys import Hashes
+
+    if source is not None:
+        image.metadata["clgrid:source_sha256"] = Hashes().of(source)
     image.metadata["clgrid:load_s"] = row.load_s[0]
     image.metadata["clgrid:first_compile_s"] = sum(row.first_compile_s)
     image.metadata["clgrid:build_s"] = row.build_s[0]
@@ -149,7 +265,7 @@ def _save(image: Image, paths: list[Path], row: Row, show: Show) -> dict[str, fl
     for path in paths:
         _say(show, f"write {path}")
         start = time.perf_counter()
-        image.save(path)
+        image.save(path, **saving)
         taken[str(path)] = time.perf_counter() - start
     return taken
 
