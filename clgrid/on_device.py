@@ -255,34 +255,6 @@ def _enqueue(
     return invalid, event
 
 
-def cast_any(target: DeviceMesh, parts: Sequence[GridPart], queue: Any, rays: DeviceRays) -> Any:
-    """Whether each ray meets a triangle: ``pyopencl.array.Array`` of (...) uint8."""
-    import pyopencl as cl
-    import pyopencl.array as cl_array
-
-    allocator, division = Allocator(target.device), rays.division
-    occluded = cl_array.empty(queue, rays.shape, np.uint8)
-    if not rays.count:
-        return occluded
-    invalid = allocator.buffer(4 * division.items(rays.count))
-    waits = [cl.enqueue_fill_buffer(queue, occluded.base_data, np.uint8(0), 0, rays.count)]
-    waits += _events((rays.origins, rays.directions))
-    options = tile_options(target, parts, _ray_defines(rays))
-    inputs = [rays.origins.base_data, rays.directions.base_data, allocator.upload(rays.bounds)]
-    for part in parts:
-        run = kernel(
-            target.device, "cast_any.cl", "cast_any", **options, **part.defines, **target.rung.defines
-        )
-        event = run(
-            queue, (division.items(rays.count),), (1,), target.frame_params, *part.arguments, *inputs,
-            np.uint32(rays.count), np.uint32(division.row), invalid, occluded.base_data, wait_for=waits,
-        )  # fmt: skip
-        waits = [event]
-    for array in (occluded, rays.origins, rays.directions):
-        array.add_event(event)
-    return occluded
-
-
 def _ray_defines(rays: DeviceRays) -> Defines:
     defines: Defines = {"RAY_REAL": "float" if rays.origins.dtype == np.float32 else "double"}
     return {**defines, "PER_RAY_T": 1} if len(rays.bounds) > 1 else defines

@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from clgrid.errors import InputError
-from clgrid.frames import bounds_of_all, read_frames
+from clgrid.animation.vertices import read_frames
+from clgrid.frames import bounds_of_all
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.scene import Scene
 
