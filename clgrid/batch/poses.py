@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from clgrid.errors import InputError
 from clgrid.animation.vertices import read_frames
+from clgrid.errors import InputError
 from clgrid.frames import bounds_of_all
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.scene import Scene
