@@ -298,6 +298,10 @@ def read_image(path: str | Path) -> Image:
 
 def to_srgb8(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """Convert linear values to 8-bit sRGB, clipped to [0, 1] and rounded to nearest (IEC 61966-2-1)."""
+    red = linear[..., 0]
+    if linear.shape[-1] == 3 and all(np.array_equal(red, linear[..., k]) for k in (1, 2)):
+        # Grey, as plain pictures are: one search for three.
+        return np.repeat(to_srgb8(np.ascontiguousarray(red)[..., None]), 3, axis=-1)
     # The linear value at which each 8-bit step begins, so that one search converts a pixel.
     steps = (np.arange(1, 256) - 0.5) / 255.0
     starts = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)

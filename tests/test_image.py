@@ -99,6 +99,11 @@ def test_srgb_follows_the_formula_at_every_step():
     off = np.abs(encoded - to_srgb8(linear))
     assert off.max() <= 0.5 + 1e-3
     assert set(to_srgb8(linear).tolist()) == set(range(256))
+    # Grey pixels take a way of their own; with one that is not grey, none does.
+    grey = np.repeat(linear[:, None], 3, axis=1)
+    mixed = np.concatenate([grey, [[0.1, 0.2, 0.3]]]).astype(np.float32)
+    assert (to_srgb8(grey) == to_srgb8(mixed)[:-1]).all()
+    assert (to_srgb8(grey)[:, 1] == to_srgb8(linear)).all()
 
 
 @pytest.mark.parametrize("name", ["a.gif", "a", "a.exr.gz"])
