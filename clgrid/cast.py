@@ -195,15 +195,24 @@ def _order(target: DeviceMesh, part: GridPart, rays: list[npt.NDArray[Any]]) -> 
     return keys
 
 
-def blank(count: int, fields: Sequence[str], real: type[np.floating[Any]]) -> Arrays:
-    """The results of so many rays that miss, in the order of cl/rays_in_out.h."""
+def blank(count: int, fields: Sequence[str], real: type[np.floating[Any]], *, filled: bool = True) -> Arrays:
+    """The results of so many rays that miss, in the order of cl/rays_in_out.h.
+
+    Not ``filled``, what kernels write for every ray holds anything: pages are then touched once.
+    """
+
+    def array(value: float, dtype: npt.DTypeLike, *last: int) -> npt.NDArray[Any]:
+        shape = (count, *last)
+        return np.full(shape, value, dtype) if filled else np.empty(shape, dtype)
+
     of_fields: dict[str, Callable[[], npt.NDArray[Any]]] = {
-        "primitive_uvs": lambda: np.zeros((count, 2), real),
-        "t_err": lambda: np.zeros(count),
-        "certain": lambda: np.ones(count, np.uint8),
+        "primitive_uvs": lambda: array(0, real, 2),
+        "t_err": lambda: array(0, np.float64),
+        "certain": lambda: array(1, np.uint8),
+        # Kernels count on from 0.
         **dict.fromkeys(COUNTERS, lambda: np.zeros(count, np.uint32)),
     }
-    always = {"t_hit": np.full(count, np.inf), "primitive_ids": np.full(count, NO_HIT, np.uint32)}
+    always = {"t_hit": array(np.inf, np.float64), "primitive_ids": array(NO_HIT, np.uint32)}
     return {**always, **{name: of_fields[name]() for name in fields}}
 
 
@@ -214,15 +223,24 @@ def hits_of(mesh: Mesh, rays: Rays, results: Arrays, invalid: int) -> Hits:
     if "certain" in shaped:
         shaped["certain"] = shaped["certain"].astype(bool)
     t_hit, ids = shaped.pop("t_hit"), shaped.pop("primitive_ids")
+    return Hits(t_hit, _signed(ids), invalid, mesh, rays.origins, rays.directions, shaped)
+
+
+def _signed(ids: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
+    """Triangles as int64, NO_HIT as -1."""
+    narrow = ids.view(np.int32)
+    if not ids.size or narrow.min() >= -1:
+        return narrow.astype(np.int64)
     signed = ids.astype(np.int64)
     signed[ids == NO_HIT] = -1
-    return Hits(t_hit, signed, invalid, mesh, rays.origins, rays.directions, shaped)
+    return signed
 
 
 def cast_closest(target: DeviceMesh, parts: Sequence[GridPart], rays: Rays, fields: Sequence[str]) -> Hits:
     """Closest hits through the grids of all parts."""
     count, rung = len(rays.origins.reshape(-1, 3)), target.rung
-    results = blank(count, fields, rung.real)
+    # Several parts each leave the rays of the parts before, where those are nearer.
+    results = blank(count, fields, rung.real, filled=len(parts) > 1)
     nearest = []
     if len(parts) > 1:
         nearest = [np.zeros((count, rung.nearest_reals), rung.real)]

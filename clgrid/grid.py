@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +29,7 @@ from clgrid.rungs import RUNGS, Rung
 from clgrid.shown import Facts, Shown, below_picture, bytes_text, counted
 from clgrid.stats import NO_STATS, GridStats, facts_of, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
+from clgrid.under_way import UnderWay
 
 # Pixels of the picture in a notebook.
 _THUMBNAIL = (240, 180)
@@ -65,6 +67,9 @@ class Grid(Queries, Life, Shown):
         self._allocator = Allocator(device, recipe.max_memory)
         self._target: DeviceMesh | None = None
         self.upload_s = 0.0
+        self.under_way = UnderWay(device)
+        # Before the arrays go, and before the process ends.
+        weakref.finalize(self, self.under_way.wait)
         self.choice: cost.Choice | None = None
 
     @property
@@ -109,6 +114,7 @@ class Grid(Queries, Life, Shown):
     def _let_go(self) -> None:
         if self.parts:
             _ = self.stats  # which outlives the buffers
+        self.under_way.wait()
         self.parts, self._target = [], None
         self._allocator.drop()
 
@@ -182,6 +188,7 @@ class Grid(Queries, Life, Shown):
         moved = self.mesh.moved(vertices)
         if self.empty:
             return
+        self.under_way.wait()
         self.mesh = moved
         for name in ("stats", "open_edges"):
             self.__dict__.pop(name, None)

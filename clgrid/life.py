@@ -47,7 +47,7 @@ class Life(ABC):
 
     @abstractmethod
     def _let_go(self) -> None:
-        """Drop every buffer. Kernels under way keep theirs."""
+        """Drop every buffer, once kernels that were left to themselves are done."""
 
     def require_here(self) -> None:
         """Refuse use after release, and in a forked process.

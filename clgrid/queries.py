@@ -23,6 +23,7 @@ from clgrid.on_device import DeviceHits
 from clgrid.rays import as_bounded_rays, invalid_count
 from clgrid.rungs import Rung
 from clgrid.target import DeviceMesh
+from clgrid.under_way import UnderWay
 
 # Along which ``contains`` counts: askew, so that edges of grids and of modelled boxes are seldom met. Any
 # direction gives the same answers on the rung ``exact``.
@@ -34,6 +35,7 @@ class Queries(ABC):
 
     mesh: Mesh
     device: Device
+    under_way: UnderWay
 
     @property
     @abstractmethod
@@ -134,7 +136,9 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.misses(self.mesh, queue, rays, wanted, self.rung)
-        return on_device.cast_closest(self.target, self.standing, queue, rays, wanted)
+        hits = on_device.cast_closest(self.target, self.standing, queue, rays, wanted)
+        self.under_way.add(hits.event)
+        return hits
 
     def occluded_on_device(
         self,
@@ -158,7 +162,7 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.zeros(queue, rays, np.uint8)
-        return on_device.cast_any(self.target, self.standing, queue, rays)
+        return self._noted(on_device.cast_any(self.target, self.standing, queue, rays))
 
     def count_on_device(
         self,
@@ -182,7 +186,13 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.zeros(queue, rays, np.uint32)
-        return on_device.count_hits(self.target, self.standing, queue, rays)
+        return self._noted(on_device.count_hits(self.target, self.standing, queue, rays))
+
+    def _noted(self, answers: Any) -> Any:
+        """The array, with the kernels that it waits for noted as readers of the grid."""
+        for event in answers.events:
+            self.under_way.add(event)
+        return answers
 
     def occluded(
         self,

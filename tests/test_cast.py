@@ -16,6 +16,7 @@ from scenes import scene
 import clgrid
 from clgrid import procedural
 from clgrid.brute import brute_force
+from clgrid.cast import NO_HIT, _signed
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import build
@@ -401,3 +402,10 @@ def test_200_000_rays_on_real_meshes(name: str, device: Device) -> None:
     part = rays[0][::8], rays[1][::8]
     for low, high in ((np.nextafter(t, np.inf), np.inf), (0.0, np.nextafter(t, 0))):
         assert_same(grid.cast(*part, low, high), brute_force(mesh, *part, low, high, device=device))
+
+
+def test_ids_beyond_31_bits_are_kept() -> None:
+    for ids in ([0, 5, 2**31 - 1, 2**32 - 1], [0, 2**31, 2**32 - 2, 2**32 - 1], [2**32 - 1], []):
+        signed = _signed(np.array(ids, np.uint32))
+        assert signed.dtype == np.int64
+        assert signed.tolist() == [-1 if each == NO_HIT else each for each in ids]

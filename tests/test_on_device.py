@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,6 +150,44 @@ def test_hits_are_taken_on_by_other_work(device: Device) -> None:
     counts = grid.count_on_device(queue, far * 2, along)
     np.testing.assert_array_equal((counts + counts).get(), 2 * grid.count(origins, directions))
     assert found.event.command_execution_status == cl.command_execution_status.COMPLETE
+
+
+_DROPPING = """
+import sys
+import numpy as np, pyopencl as cl, pyopencl.array as cl_array
+from clgrid import Mesh, build, procedural
+from clgrid.device import choose
+from same import some_rays
+
+device = choose(sys.argv[1])
+rays = some_rays(count=100_000)
+
+def start():
+    queue = cl.CommandQueue(device.context)
+    ball = procedural.icosphere(5)
+    grid = build(Mesh(ball.vertices.copy(), ball.faces.copy()), density=2.0, device=device)
+    return grid, grid.count_on_device(queue, *(cl_array.to_device(queue, each) for each in rays))
+
+expected = start()[1].get()
+for _ in range(3):
+    counts = start()[1]
+    junk = [np.full(1 << 20, 255, np.uint8) for _ in range(40)]  # where the grid was
+    assert np.array_equal(counts.get(), expected)
+kept = start()
+print("done")
+"""
+
+
+def test_a_grid_may_go_while_a_kernel_reads_it(device: Device) -> None:
+    """In a process of its own, which ends with a kernel under way: such a fault ends the process."""
+    paths = [str(Path(__file__).parent), str(Path(clgrid.__file__).parent.parent)]
+    done = subprocess.run(
+        [sys.executable, "-c", _DROPPING, device.description.label],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([*paths, os.environ.get("PYTHONPATH", "")])},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr[-500:]
 
 
 def test_what_does_not_fit_is_refused(device: Device) -> None:

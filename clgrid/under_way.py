@@ -1,0 +1,44 @@
+"""Kernels that still read a grid's memory after the call that started them has returned."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from clgrid.device import Device
+
+
+class UnderWay:
+    """The events of such kernels, which whoever frees or rewrites the memory waits for.
+
+    OpenCL keeps buffers until kernels are done, but not the numpy arrays that ours lie over.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._events: list[Any] = []
+        self._lock = threading.Lock()
+
+    def add(self, event: Any) -> None:
+        """Note a kernel; those that are done are forgotten."""
+        import pyopencl as cl
+
+        done = cl.command_execution_status.COMPLETE
+        with self._lock:
+            self._events = [each for each in self._events if each.command_execution_status > done]
+            self._events.append(event)
+
+    def wait(self) -> None:
+        """Until all are done. A forked process waits for none: they are not its own."""
+        if not self._events or self._device.is_forked:
+            return
+        import pyopencl as cl
+
+        with self._lock:
+            events, self._events = self._events, []
+        for event in events:
+            try:
+                event.wait()
+            except cl.Error:
+                # A failed kernel reads no more; who waits for its results is told.
+                continue
