@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -119,3 +122,26 @@ def test_world_to_ndc_takes_points_of_rays_to_their_pixels(eye, fov, size, axis,
         np.testing.assert_allclose(
             [x / w, y / w], [(j + 0.5) / width, (i + 0.5) / rows], atol=1e-6 * (1 + 1e3 / t)
         )
+
+
+def test_oiiotool_tells_parts_channels_and_metadata(tmp_path):
+    tool = Path(sys.executable).with_name("oiiotool")
+    found = str(tool) if tool.is_file() else shutil.which("oiiotool")
+    if found is None:
+        pytest.skip("oiiotool is not installed")
+    image = picture(40, 30)
+    image.metadata |= {"worldToCamera": np.eye(4), "clgrid:device": "a device", "clgrid:build_s": 0.25}
+    image.save(tmp_path / "a.exr")
+    told = subprocess.run(
+        [found, "--info", "-v", "-a", str(tmp_path / "a.exr")], capture_output=True, text=True, check=True
+    ).stdout
+    for line in (
+        "30 x   40, 4 channel, float openexr",
+        "channel list: N.X, N.Y, N.Z",
+        "2 channel, uint openexr",
+        "channel list: geometry_id, primitive_id",
+        "worldToCamera: 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1",
+        'clgrid:device: "a device"',
+        "clgrid:build_s: 0.25",
+    ):
+        assert line in told, told
