@@ -53,10 +53,12 @@ __kernel void find_surfaces(__constant const FrameParams *frame, MESH_PARAMETERS
         Vectors views = {vload4(0, view[0]), vload4(0, view[1]), vload4(0, view[2])};
         to_unit(&views);
         const Facing facing = facing_of(vertices, faces, of_4);
-        const Vectors face = face_normals(&facing, &views);
+        Vectors face = face_normals(&facing, &views);
+        to_unit(&face);  // shade.h leaves lengths as they come; lifts and light need unit ones
         Vectors normal = face;
 #ifdef SMOOTH_NORMALS
         normal = smooth_normals(vertex_normals, faces, of_4, vload4(0, u), vload4(0, v), face);
+        to_unit(&normal);
 #endif
         float plain[4];
         vstore4(headlights(&normal, &views), 0, plain);

@@ -57,7 +57,7 @@ class Agreement:
     hits, compared : int
         Pixels where either hits; of these, those away from silhouettes.
     depth, normal : float
-        Shares of those compared that agree; normal is NaN if normals are not compared.
+        Shares of those compared that agree; what is not compared is NaN.
     depth_all, normal_all : float
         The same of all pixels where either hits.
     albedo : float
@@ -127,7 +127,9 @@ def normals_agree(one: View, other: View) -> Mask:
     return (one.hit == other.hit) & ~(one.hit & (angles > NORMAL_DEGREES))
 
 
-def compare(one: View, other: View, aside: Mask | None = None, *, normals: bool = True) -> Agreement:
+def compare(
+    one: View, other: View, aside: Mask | None = None, *, normals: bool = True, albedos: bool = True
+) -> Agreement:
     """Put two views beside each other; pixels of ``aside`` are left out of all figures."""
     considered = one.hit | other.hit
     if aside is not None:
@@ -148,10 +150,10 @@ def compare(one: View, other: View, aside: Mask | None = None, *, normals: bool 
         normal=share(normal, away) if normals else np.nan,
         depth_all=share(depth, considered),
         normal_all=share(normal, considered) if normals else np.nan,
-        albedo=float(np.sqrt((albedo[both] ** 2).mean())) if both.any() else 0.0,
+        albedo=float(np.sqrt((albedo[both] ** 2).mean())) if both.any() and albedos else np.nan,
         uv=float(np.quantile(coordinates, 0.999)) if len(coordinates) else np.nan,
         apart=away & ~(depth & normal),
-        worst_albedo=(int(x), int(y), float(worst[y, x])),
+        worst_albedo=(int(x), int(y), float(worst[y, x]) if albedos else np.nan),
     )
 
 
@@ -183,8 +185,8 @@ def row(words: Sequence[str], found: Agreement) -> str:
         f"{found.compared:,}",
         f"{found.compared / max(found.hits, 1):.1%}",
         *(known(part, "{:.3%}") for part in shares),
-        f"{found.albedo:.4f}",
-        f"{found.worst_albedo[2]:.2f}",
+        known(found.albedo, "{:.4f}"),
+        known(found.worst_albedo[2], "{:.2f}"),
         known(found.uv, "{:.1e}"),
     ]
     return "| " + " | ".join([*words, *figures]) + " |"

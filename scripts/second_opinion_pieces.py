@@ -142,8 +142,10 @@ def pieces_by_trimesh(path: Path, like: Piece) -> list[Piece]:
 def _trimesh_piece(mesh: Any, matrix: npt.NDArray[np.float64], has_normals: bool, like: Piece) -> Piece:
     material = getattr(mesh.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is not None and max(image.size) == 2 and not getattr(material, "name", None):
+        image = material = None  # trimesh's own, for coordinates without a material
     factor = getattr(material, "baseColorFactor", None)
-    if factor is None and getattr(material, "name", None):  # without a name it is trimesh's own
+    if factor is None:
         factor = getattr(material, "diffuse", None)
     colour = like.colour if factor is None and image is None else (1.0, 1.0, 1.0)
     if factor is not None:

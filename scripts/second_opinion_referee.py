@@ -23,7 +23,7 @@ def verdicts(mesh: Mesh, rays: tuple[F64, F64], ours: View, theirs: View, apart:
     """
     if not apart.any():
         return
-    triangles = Triangles(mesh.vertices[mesh.faces])
+    triangles = Triangles.of_mesh(mesh)
     for y, x in np.argwhere(apart)[:_MOST].tolist():
         mine, other = int(ours.triangle[y, x]), int(theirs.triangle[y, x])
         met = [c for c in rational.crossings(triangles, rays[0][y, x], rays[1][y, x]) if c.t > 0]
