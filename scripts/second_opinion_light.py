@@ -25,8 +25,14 @@ from clgrid.shading.surfaces import GREY
 MOST_MEAN = 0.01
 _SIZE, _SAMPLES, _SKY_RAYS = (256, 256), 64, 16
 _SECOND_SAMPLES = 512
-_SUN, _LUX, _SKY = np.array([0.3, 0.7, 0.65]) / np.linalg.norm([0.3, 0.7, 0.65]), 2.0, np.array([0.5, 0.6, 0.8])
-_HEADER = "| picture | mean of clgrid | of Mitsuba | difference | rms | of that noise |\n|---|--:|--:|--:|--:|--:|"
+_SUN, _LUX, _SKY = (
+    np.array([0.3, 0.7, 0.65]) / np.linalg.norm([0.3, 0.7, 0.65]),
+    2.0,
+    np.array([0.5, 0.6, 0.8]),
+)
+_HEADER = (
+    "| picture | mean of clgrid | of Mitsuba | difference | rms | of that noise |\n|---|--:|--:|--:|--:|--:|"
+)
 
 
 def light(mi: Any, scenes: Path, device: Device, out: Path) -> bool:

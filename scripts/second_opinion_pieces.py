@@ -122,11 +122,10 @@ def unit(vectors: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0), np.float64)
 
 
-def pieces_by_trimesh(path: Path, like: Piece) -> list[Piece]:
+def pieces_by_trimesh(path: Path) -> list[Piece]:
     """The pieces of a glTF or OBJ file as trimesh reads it: its nodes, materials, pictures and coordinates.
 
-    Its OBJ reader gives a position that has several normals one of them, so those are not taken. Materials
-    of files without are those of ``like``, a piece as clgrid has it.
+    Its OBJ reader gives a position that has several normals one of them, so those are not taken.
     """
     import trimesh
 
@@ -136,18 +135,16 @@ def pieces_by_trimesh(path: Path, like: Piece) -> list[Piece]:
     else:
         places = (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         nodes = [(loaded.geometry[name], matrix) for matrix, name in places]
-    return [_trimesh_piece(mesh, matrix, path.suffix != ".obj", like) for mesh, matrix in nodes]
+    return [_trimesh_piece(mesh, matrix, path.suffix != ".obj") for mesh, matrix in nodes]
 
 
-def _trimesh_piece(mesh: Any, matrix: npt.NDArray[np.float64], has_normals: bool, like: Piece) -> Piece:
+def _trimesh_piece(mesh: Any, matrix: npt.NDArray[np.float64], has_normals: bool) -> Piece:
     material = getattr(mesh.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if image is not None and max(image.size) == 2 and not getattr(material, "name", None):
-        image = material = None  # trimesh's own, for coordinates without a material
     factor = getattr(material, "baseColorFactor", None)
     if factor is None:
         factor = getattr(material, "diffuse", None)
-    colour = like.colour if factor is None and image is None else (1.0, 1.0, 1.0)
+    colour = (1.0, 1.0, 1.0)
     if factor is not None:
         red, green, blue = (float(part) / 255.0 for part in factor[:3])
         colour = (red, green, blue)
