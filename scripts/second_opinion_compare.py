@@ -1,4 +1,4 @@
-"""Two renderers' answers to the same rays, side by side: arrays in, figures out. No renderer is needed for it."""
+"""Two renderers' answers to the same rays: arrays in, figures out. No renderer is needed for it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class View:
     depth : (H, W) float64
         Along the view axis, scene units; inf on a miss.
     normal : (H, W, 3) float64
-        Unit, of the vertices where there are such, on the viewer's side; without meaning on a miss, as the rest.
+        Unit, of the vertices where there are such, on the viewer's side; on a miss without meaning.
     uv : (H, W, 2) float64
         Of set 0, v downward; NaN where there are none, or no picture is looked up.
     albedo : (H, W, 3) float64
@@ -106,7 +106,7 @@ def grown(mask: Mask) -> Mask:
 
 
 def silhouettes(one: View, other: View) -> Mask:
-    """Pixels within one of a silhouette in both views: what only one of them sees is a fault, not a silhouette."""
+    """Pixels within one of a silhouette in both views: what only one of them sees is a fault."""
     return steps_in(one.depth) & steps_in(other.depth)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import second_opinion_mitsuba as second
-from second_opinion_compare import F64
+from second_opinion_compare import F64, Mask
 from second_opinion_pieces import pieces_of
 from second_opinion_scenes import cornell
 
@@ -38,7 +38,8 @@ _HEADER = (
 def light(mi: Any, scenes: Path, device: Device, out: Path) -> bool:
     """Print a row for each picture; whether all means agree."""
     print(_HEADER)
-    return all([_compared(mi, *subject, device, out) for subject in _subjects(scenes)])
+    agree = [_compared(mi, *subject, device, out) for subject in _subjects(scenes)]
+    return all(agree)
 
 
 def _subjects(scenes: Path) -> list[tuple[str, Mesh, Look | None, Camera]]:
@@ -62,7 +63,8 @@ def _compared(
         both = tuple(replace(material, double_sided=True) for material in look.materials)
         look = replace(look, materials=both)
     shading = Shading(
-        samples=_SAMPLES, sun=tuple(_SUN), sun_strength=_LUX, sky=tuple(_SKY), occlusion_rays=_SKY_RAYS, lights=False
+        samples=_SAMPLES, sun=tuple(_SUN), sun_strength=_LUX, sky=tuple(_SKY), occlusion_rays=_SKY_RAYS,
+        lights=False,
     )  # fmt: skip
     picture = clgrid.render(
         mesh, camera, *_SIZE, look=look, shading=shading, background=tuple(_SKY), device=device
@@ -80,9 +82,7 @@ def _compared(
     return abs(relative) <= MOST_MEAN
 
 
-def figures(
-    ours: F64, first: F64, second_half: F64, hit: np.ndarray
-) -> tuple[float, float, float, float, float]:
+def figures(ours: F64, first: F64, second_half: F64, hit: Mask) -> tuple[float, float, float, float, float]:
     """Means over pixels that hit; the relative difference; rms of pixels over the mean; Mitsuba's own noise.
 
     Mitsuba's picture comes in two halves of independent samples: half their difference is its noise.

@@ -1,4 +1,4 @@
-"""Scenes as lists of pieces, one material each, as any renderer can take them: ours, and as trimesh reads the file."""
+"""Scenes as pieces of one material each, for any renderer: as clgrid reads files, and as trimesh does."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from clgrid import rational
 from clgrid.mesh import Mesh
 from clgrid.prefilter import Triangles
 
-# So many pixels of a picture are decided; crossings nearer to each other than this share of t are in one place.
+# So many pixels of a picture are decided; crossings within this share of t are in one place.
 _MOST, _SAME = 12, Fraction(1, 10**6)
 
 
@@ -27,7 +27,8 @@ def verdicts(mesh: Mesh, rays: tuple[F64, F64], ours: View, theirs: View, apart:
     for y, x in np.argwhere(apart)[:_MOST].tolist():
         mine, other = int(ours.triangle[y, x]), int(theirs.triangle[y, x])
         met = [c for c in rational.crossings(triangles, rays[0][y, x], rays[1][y, x]) if c.t > 0]
-        yield f"pixel {x}, {y}: clgrid meets {named(mine)}, Mitsuba {named(other)}: {decided(met, mine, other)}"
+        told = f"clgrid meets {named(mine)}, Mitsuba {named(other)}"
+        yield f"pixel {x}, {y}: {told}: {decided(met, mine, other)}"
     if apart.sum() > _MOST:
         yield f"and {int(apart.sum()) - _MOST} more"
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from clgrid.camera import Camera
 from clgrid.mesh import Mesh
@@ -44,9 +45,10 @@ PLACES = (
 )
 # sponza.mtl names none of the pictures beside it; their names say whose they are.
 _SPONZA = {
-    "sp_00_luk_mali": "sp_luk", "sp_00_pod": "KAMEN", "sp_00_prozor": "prozor1", "sp_00_vrata_kock": "vrata_ko",
-    "sp_00_vrata_krug": "vrata_kr", "sp_00_zid": "KAMEN", "sp_01_stub": "01_STUB", "sp_01_stub_baza": "01_S_ba",
-    "sp_01_stub_kut": "01_STUB", "sp_01_stup": "x01_st", "sp_01_stup_baza": "01_St_kp", "sp_02_reljef": "reljef",
+    "sp_00_luk_mali": "sp_luk", "sp_00_pod": "KAMEN", "sp_00_prozor": "prozor1",
+    "sp_00_vrata_kock": "vrata_ko", "sp_00_vrata_krug": "vrata_kr", "sp_00_zid": "KAMEN",
+    "sp_01_stub": "01_STUB", "sp_01_stub_baza": "01_S_ba", "sp_01_stub_kut": "01_STUB",
+    "sp_01_stup": "x01_st", "sp_01_stup_baza": "01_St_kp", "sp_02_reljef": "reljef",
     "sp_svod_kapitel": "00_skap",
 }  # fmt: skip
 
@@ -102,7 +104,7 @@ def camera_of(place: Place, scene: Scene, scenes: Path) -> tuple[str, Camera]:
     return "default", default_camera(scene)
 
 
-def cornell() -> tuple[Mesh, np.ndarray, tuple[tuple[float, float, float], ...]]:
+def cornell() -> tuple[Mesh, npt.NDArray[np.int64], tuple[tuple[float, float, float], ...]]:
     """An open box with two blocks: mesh, material of each triangle, colours of the materials."""
     white, red, green = (0.73, 0.73, 0.73), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091)
     walls = [
@@ -119,6 +121,6 @@ def cornell() -> tuple[Mesh, np.ndarray, tuple[tuple[float, float, float], ...]]
         corners += [(p, a, b, 0) for p, a, b in [*sides, (low + up, along, across)]]
     vertices = np.array([[p, p + a, p + a + b, p + b] for p, a, b, _ in corners]).reshape(-1, 3)
     quads = 4 * np.arange(len(corners))[:, None]
-    faces = np.stack([quads + [0, 1, 2], quads + [0, 2, 3]], 1).reshape(-1, 3)
+    faces = (quads[:, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     numbers = np.repeat([m for *_, m in corners], 2)
     return Mesh.from_arrays(vertices.astype(np.float32), faces, "box"), numbers, (white, red, green)

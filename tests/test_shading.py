@@ -69,7 +69,7 @@ def test_a_white_furnace_shows_nothing(device):
 @pytest.mark.thorough
 @pytest.mark.parametrize("smooth", [False, True])
 def test_normals_are_of_length_one_and_those_of_plain_pictures(device, smooth):
-    """Triangles as small as these have cross products far from 1; lifts and lights took them for unit ones."""
+    """Cross products of triangles as small as these are far from 1; lifts and lights want unit ones."""
     ball = icosphere(3)
     normals = ball.vertices * np.float32(-0.2) if smooth else None
     mesh = Mesh(ball.vertices, ball.faces, vertex_normals=normals)
