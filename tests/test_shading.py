@@ -66,6 +66,21 @@ def test_a_white_furnace_shows_nothing(device):
     assert shut.rgba[..., 0].min() < 0.7
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("smooth", [False, True])
+def test_normals_are_of_length_one_and_those_of_plain_pictures(device, smooth):
+    """Cross products of triangles as small as these are far from 1; lifts and lights want unit ones."""
+    ball = icosphere(3)
+    normals = ball.vertices * np.float32(-0.2) if smooth else None
+    mesh = Mesh(ball.vertices, ball.faces, vertex_normals=normals)
+    plain = render(mesh, FRONT, 32, 32, ("normal",), device=device, density=4)
+    staged = render(mesh, FRONT, 32, 32, ("normal", "P"), device=device, density=4)
+    hit = staged.rgba[..., 3] == 1
+    assert np.abs(np.linalg.norm(staged.normal[hit].astype(np.float64), axis=-1) - 1).max() < 1e-6
+    assert (staged.normal == plain.normal).all()
+    assert (staged.rgba == plain.rgba).all()
+
+
 def test_no_sky_leaks_into_a_closed_box(device):
     camera = Camera.look_at((0.5, 0.3, -0.4), (-1, -1, 1), fov=120)
     room = Mesh(cube().vertices * np.float32(3.3) + np.float32(100), cube().faces)
