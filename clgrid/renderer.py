@@ -27,7 +27,7 @@ from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
 from clgrid.shading.order import Order, Window, check_order
 from clgrid.shading.staged import draw_staged
-from clgrid.shading.stand_in import few, stand_in
+from clgrid.shading.stand_in import few, stand_in, traits
 from clgrid.target import MeshPart
 from clgrid.tuning import tuning_of
 
@@ -239,7 +239,7 @@ def warm_up(
     build(triangle, layout, device=device, skipping=skipping, **build_options)
     seen: dict[str, Any] = {"aovs": aovs}
     if needs_look(aovs, shading):
-        seen |= {"look": stand_in(look, triangle), "shading": None if shading is None else few(look, shading)}
+        seen |= {"look": stand_in(traits(look), triangle), "shading": few(look, shading)}
     if orthographic:
         seen["camera"] = Camera.look_at((0, 0, 1), (0, 0, 0), orthographic_height=2.0)
     for each, skip in kinds(layout, skipping):
@@ -248,12 +248,23 @@ def warm_up(
     return time.perf_counter() - start
 
 
-def _check(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> None:
-    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
-        raise InputError(f"render: size {width}x{height}; give at least 1x1 and at most 2^28 pixels")
+def check_aovs(aovs: Sequence[str]) -> None:
+    """Refuse a name that is of no AOV.
+
+    Raises
+    ------
+    InputError
+        With the names that there are.
+    """
     unknown = [name for name in aovs if name not in AOVS]
     if unknown:
         raise InputError(f"render: unknown AOV {unknown[0]!r}; choose of {', '.join(AOVS)}")
+
+
+def _check(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> None:
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise InputError(f"render: size {width}x{height}; give at least 1x1 and at most 2^28 pixels")
+    check_aovs(aovs)
     if len(background) != 3 or not np.isfinite(background).all():
         raise InputError(f"render: background {tuple(background)} is not three finite numbers")
 

@@ -231,7 +231,9 @@ def named_camera(scene: Scene, selector: str) -> Camera:
     """
     if selector.lower().endswith(".json"):
         return camera_file(Path(selector))
-    return camera_among(gltf_cameras(scene), selector, scene.name)
+    # Of a file, one that is malformed does not matter to the others.
+    found = gltf_cameras(scene) if scene.frame is None else scene.cameras
+    return camera_among(found, selector, scene.name)
 
 
 def camera_among(cameras: Sequence[GltfCamera | Camera], selector: str, where: str) -> Camera:

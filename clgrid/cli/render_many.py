@@ -16,11 +16,17 @@ if TYPE_CHECKING:
 
 def is_job(scenes: Sequence[str], outputs: Sequence[str], cameras: Sequence[str], **wishes: Any) -> bool:
     """Whether more is asked for than one picture of one scene under plain names."""
-    several = len(scenes) > 1 or len(cameras) > 1 or list(cameras) == ["all"] or any(wishes.values())
+    several = (
+        len(scenes) > 1
+        or len(cameras) > 1
+        or list(cameras) == ["all"]
+        or any(value not in (None, "", False) for value in wishes.values())
+    )
     return (
         several
         or any("{" in name for name in outputs)
         or any(glob.has_magic(name) and not Path(name).is_file() for name in scenes)
+        or any(Path(name).is_dir() for name in scenes)
     )
 
 
@@ -29,8 +35,7 @@ def job_of(
     outputs: Sequence[str],
     cameras: Sequence[str],
     place: dict[str, Any],
-    frames: str,
-    vertices: str,
+    moving: dict[str, Any],
     settings: dict[str, Any],
 ) -> Job:
     """The options as a job; what is None or empty is left as a job has it.
@@ -54,8 +59,8 @@ def job_of(
         scenes=list(scenes),
         output=list(outputs),
         cameras=views,
-        frames=frames or None,
-        vertices=vertices or None,
+        **{name: value or None for name, value in moving.items() if name != "fps"},
+        fps=moving["fps"],
         **settings,
     )
 

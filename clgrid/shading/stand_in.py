@@ -2,46 +2,60 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 
 import numpy as np
 
 from clgrid.look import Look, Material, Shading, Texture, TextureUse
-from clgrid.memory import Allocator
 from clgrid.mesh import Mesh
 from clgrid.shading.lamps import lamps_of
-from clgrid.shading.surfaces import Surfaces
+from clgrid.shading.surfaces import is_passable, is_textured
 
 
-def stand_in(look: Look | None, mesh: Mesh) -> Look | None:
-    """A look of a small mesh that has what another look has, of each kind one.
+def traits(look: Look | None) -> frozenset[str]:
+    """What of a look kernels are compiled for."""
+    if look is None:
+        return frozenset()
+    has = {
+        str(look.material_ids.dtype): True,
+        "textures": is_textured(look),
+        "uvs": bool(look.uvs),
+        "colours": look.colours is not None,
+        "passes": is_passable(look),
+    }
+    return frozenset(name for name, there in has.items() if there)
+
+
+def stand_in(has: frozenset[str], mesh: Mesh) -> Look | None:
+    """A look of a small mesh with these traits; None where there are none.
 
     Where rays may pass surfaces, they pass this one, so that what comes behind is compiled too.
     """
-    if look is None:
+    if not has:
         return None
-    having = Surfaces(look, mesh, Allocator.__new__(Allocator))
-    use = TextureUse(0) if having.textured else None
-    material = Material(base_texture=use)
-    if having.passable:
-        material = replace(material, base_colour=(1.0, 1.0, 1.0, 0.0), alpha_mode="mask")
-    vertices = len(mesh.vertices)
+    passes, vertices = "passes" in has, len(mesh.vertices)
+    material = Material(
+        base_colour=(1.0, 1.0, 1.0, 0.0 if passes else 1.0),
+        base_texture=TextureUse(0) if "textures" in has else None,
+        alpha_mode="mask" if passes else "opaque",
+    )
     return Look(
         materials=(material,),
-        material_ids=np.zeros(mesh.triangle_count, look.material_ids.dtype),
-        textures=(Texture(np.zeros((1, 1, 4), np.uint8)),) if use else (),
-        uvs=(np.zeros((vertices, 2), np.float32),) if look.uvs else (),
-        uv_faces=(None,) if look.uvs else (),
-        colours=None if look.colours is None else np.ones((vertices, 4), np.float32),
+        material_ids=np.zeros(mesh.triangle_count, "uint16" if "uint16" in has else "uint32"),
+        textures=(Texture(np.zeros((1, 1, 4), np.uint8)),) if "textures" in has else (),
+        uvs=(np.zeros((vertices, 2), np.float32),) if "uvs" in has else (),
+        uv_faces=(None,) if "uvs" in has else (),
+        colours=np.ones((vertices, 4), np.float32) if "colours" in has else None,
     )
 
 
-def few(look: Look | None, shading: Shading) -> Shading:
-    """A shading of one sample and at most one light and occlusion ray."""
-    lit = bool(lamps_of(look, shading))
-    return replace(
-        shading,
-        samples=1,
-        sun=(0.0, 0.0, 1.0) if lit else None,
-        occlusion_rays=min(1, shading.occlusion_rays),
+def few(look: Look | None, shading: Shading | None) -> Shading | None:
+    """A shading with at most one of each: samples, lights, rays to the sky."""
+    if shading is None:
+        return None
+    return Shading(
+        sun=(0.0, 0.0, 1.0) if lamps_of(look, shading) else None,
+        sky=None if shading.sky is None else (1.0, 1.0, 1.0),
+        occlusion_rays=1 if shading.sky is not None and shading.occlusion_rays > 0 else 0,
+        occlusion_distance=math.inf,
     )
