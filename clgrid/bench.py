@@ -92,9 +92,7 @@ class Work:
         shading: Shading | None = None,
         orthographic: bool = False,
     ) -> float:
-        """Compile what this work needs for pictures of a scene, by default of one with flat triangles; the
-        seconds it took.
-        """
+        """Compile what this work needs for pictures of a scene, or of flat triangles; the seconds it took."""
         return warm_up(
             device,
             aovs,

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 def is_job(scenes: Sequence[str], outputs: Sequence[str], cameras: Sequence[str], **wishes: Any) -> bool:
     """Whether more is asked for than one picture of one scene under plain names."""
-    several = (
-        len(scenes) > 1
-        or len(cameras) > 1
-        or list(cameras) == ["all"]
-        or any(value not in (None, "", False) for value in wishes.values())
-    )
+    several = len(scenes) > 1 or len(cameras) > 1 or list(cameras) == ["all"] or any(wishes.values())
     return (
         several
         or any("{" in name for name in outputs)
@@ -59,8 +54,10 @@ def job_of(
         scenes=list(scenes),
         output=list(outputs),
         cameras=views,
-        **{name: value or None for name, value in moving.items() if name != "fps"},
+        frames=moving["frames"] or None,
+        vertices=moving["vertices"] or None,
         fps=moving["fps"],
+        animation=moving["animation"] or None,
         **settings,
     )
 
