@@ -51,15 +51,17 @@ __kernel void find_surfaces(__constant const FrameParams *frame, MESH_PARAMETERS
             continue;
         const uint4 of_4 = vload4(0, own);
         Vectors views = {vload4(0, view[0]), vload4(0, view[1]), vload4(0, view[2])};
-        to_unit(&views);
         const Facing facing = facing_of(vertices, faces, of_4);
-        const Vectors face = face_normals(&facing, &views);
+        Vectors face = face_normals(&facing, &views);
         Vectors normal = face;
 #ifdef SMOOTH_NORMALS
         normal = smooth_normals(vertex_normals, faces, of_4, vload4(0, u), vload4(0, v), face);
 #endif
         float plain[4];
-        vstore4(headlights(&normal, &views), 0, plain);
+        vstore4(headlights(&normal, &views), 0, plain);  // of any lengths, as render.cl has them
+        to_unit(&views);
+        to_unit(&face);
+        to_unit(&normal);
         double cosines[4];
         vstore4(fmax(-dot_of_4(&normal, &views), (double4)(0.0)), 0, cosines);
         for (uint lane = 0; lane < 4; ++lane) {
