@@ -20,12 +20,15 @@ from clgrid.batch import names
 from clgrid.batch.frame_numbers import parse_frames
 from clgrid.batch.item import Item
 from clgrid.batch.job import Job, Override, Settings, View, merged
+from clgrid.batch.loader import shading_of
 from clgrid.errors import ClgridError, InputError, MeshError
 from clgrid.imagefile import EXTENSIONS, Saving
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.recipe import Options
 from clgrid.renderer import AOVS
 from clgrid.scene import short_name
+from clgrid.shading.lamps import lamps_of
+from clgrid.shading.order import check_shading
 
 ALL_CAMERAS = "all"
 WHOLE = "default"
@@ -339,6 +342,10 @@ def check_settings(settings: Settings) -> None:
         rays=0,
     )
     saving_of(settings)
+    shading = shading_of(settings)
+    if shading is not None:
+        check_shading(shading)
+        lamps_of(None, shading)
     if settings.time_limit is not None and not settings.time_limit > 0:
         raise InputError(f"time_limit {settings.time_limit:g}: give seconds above 0")
     if settings.retries is not None and settings.retries < 0:

@@ -86,7 +86,9 @@ def shading_of(given: dict[str, Any]) -> dict[str, Any]:
     for name in ("sun", "sky"):
         if read[name]:
             what = f"--{name}"
-            read[name] = options.parse_colour(read[name]) if name == "sky" else _vector(read[name], what)
+            read[name] = (
+                options.parse_colour(read[name], what) if name == "sky" else _vector(read[name], what)
+            )
         else:
             read[name] = None
     return {name: value for name, value in read.items() if value is not None}
