@@ -83,14 +83,8 @@ def _view(place: dict[str, Any]) -> View:
 def shading_of(given: dict[str, Any]) -> dict[str, Any]:
     """The options of shading that were given, as ``clgrid.look.Shading`` has them."""
     read = dict(given)
-    for name in ("sun", "sky"):
-        if read[name]:
-            what = f"--{name}"
-            read[name] = (
-                options.parse_colour(read[name], what) if name == "sky" else _vector(read[name], what)
-            )
-        else:
-            read[name] = None
+    read["sun"] = _vector(read["sun"], "--sun") if read["sun"] else None
+    read["sky"] = options.parse_colour(read["sky"], "--sky") if read["sky"] else None
     return {name: value for name, value in read.items() if value is not None}
 
 
