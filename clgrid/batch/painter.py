@@ -207,6 +207,7 @@ def _describe(image: Image, item: Item) -> None:
     image.metadata["clgrid:source_sha256"] = item.source_sha256
     if item.frame is not None:
         image.metadata["clgrid:frame"] = item.frame
+        image.metadata["clgrid:fps"] = item.fps
     options = {
         name: value
         for name, value in msgspec.to_builtins(item.settings).items()

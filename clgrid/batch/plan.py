@@ -249,7 +249,8 @@ def _frames_of(job: Job, scenes: list[str], vertices: str | None) -> dict[str, l
         return {scene: [None] for scene in scenes}
     numbers = parse_frames(job.frames)
     counts = {scene: _count(job, scene, vertices) for scene in scenes}
-    if set(counts.values()) == {1}:
+    still = vertices is None and not any(Path(scene).is_dir() for scene in scenes)
+    if still and set(counts.values()) == {1}:
         raise InputError(
             f"frames {job.frames!r}: nothing moves {_named(scenes)}; give vertices, or leave out frames"
         )
