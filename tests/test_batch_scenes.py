@@ -11,7 +11,6 @@ from gltf_files import GltfFile, tetrahedron
 from look_files import BASE, animate, square, textured
 from pictures import CORNERS, png
 
-from clgrid.animation import count_frames
 from clgrid.batch.item import Item
 from clgrid.batch.job import parse_job
 from clgrid.batch.keys import Hashes
@@ -29,7 +28,7 @@ from clgrid.lookfile.companions import companions
 from clgrid.mesh import Mesh, load
 from clgrid.record import describe_builds
 from clgrid.renderer import render, warm_up
-from clgrid.scene import load_scene
+from clgrid.scene import count_frames, load_scene
 
 pytestmark = pytest.mark.host
 

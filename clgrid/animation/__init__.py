@@ -117,7 +117,7 @@ class Frames:
         InputError
             If there is no such frame or camera.
         """
-        from clgrid.scene import camera_among
+        from clgrid.scene_cameras import camera_among
 
         return camera_among(self.cameras(k), selector, self.base.name)
 
@@ -177,38 +177,3 @@ def frames_of(scene: Scene) -> Frames | None:
 
         return node_frames(scene, scene.path, fps, scene.animation)
     return None
-
-
-def count_frames(name: str, frames: str | None, fps: float, animation: str | int | None) -> int:
-    """Count the frames that a scene would have; 1 for one that stands still.
-
-    Of arrays the header is read and of files the names; only a glTF file is loaded.
-
-    Parameters
-    ----------
-    name, frames, fps, animation
-        As for `clgrid.load_scene`.
-
-    Raises
-    ------
-    MeshError, InputError
-        If they cannot be read.
-    """
-    from clgrid.animation.files import frame_files, is_files
-    from clgrid.animation.vertices import count_in_file
-    from clgrid.scene import load_scene
-
-    checked_fps(fps)
-    if frames is not None:
-        return len(frame_files(frames)) if is_files(frames) else count_in_file(Path(frames))
-    if is_files(name):
-        return len(frame_files(name))
-    if not may_move(Path(name)) and animation is None:
-        return 1
-    own = load_scene(name, fps=fps, animation=animation).frames
-    return 1 if own is None else own.count
-
-
-def may_move(path: Path) -> bool:
-    """Whether files of this name can hold an animation."""
-    return path.name.lower().removesuffix(".gz").endswith((".gltf", ".glb"))

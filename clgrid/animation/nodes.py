@@ -121,7 +121,7 @@ class NodeFrames(Frames):
 
     def cameras(self, k: int) -> tuple[Camera, ...]:
         """The cameras of frame ``k``."""
-        from clgrid.scene import camera_of
+        from clgrid.scene_cameras import camera_of
 
         found = cameras_of(self._drawn.document.gltf, self._placed(k))
         return tuple(camera_of(each) for each in found)

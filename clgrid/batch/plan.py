@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from clgrid import procedural
-from clgrid.animation import DEFAULT_FPS, checked_fps, count_frames
+from clgrid.animation import DEFAULT_FPS, checked_fps
 from clgrid.animation.files import frame_files, shared_name
 from clgrid.batch import names
 from clgrid.batch.frame_numbers import parse_frames
@@ -26,7 +26,7 @@ from clgrid.imagefile import EXTENSIONS, Saving
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.recipe import Options
 from clgrid.renderer import AOVS
-from clgrid.scene import short_name
+from clgrid.scene import count_frames, short_name
 from clgrid.shading.lamps import lamps_of
 from clgrid.shading.order import check_shading
 
