@@ -166,8 +166,9 @@ class Painter:
         of: tuple[Any, ...] = (device.label, tuple(options.items()), item.frame is None)
         of += (item.view, rays) if decides else ()
         frames = loaded.frames
-        # Other triangles are another mesh, whose grid is chosen anew.
-        of += (item.frame,) if frames is not None and frames.topology_changes else ()
+        # Other triangles are another mesh, whose grid is chosen anew; a camera that moves sees another part.
+        anew = frames is not None and (frames.topology_changes or (decides and frames.cameras_move))
+        of += (item.frame,) if anew else ()
         if self._grid is None or self._base is not loaded.base or self._grid_of != of:
             self.release()
             self._grid = build(loaded.first, device=device, rays=rays, view=loaded.view, **options)
