@@ -14,8 +14,9 @@ from clgrid.device import Device
 from clgrid.errors import ClgridError, DeviceError, InputError
 from clgrid.grid import Grid, build
 from clgrid.image import Image
+from clgrid.look import Shading
 from clgrid.record import BenchRecord, Failure, Row
-from clgrid.renderer import render, warm_up
+from clgrid.renderer import needs_look, render, warm_up
 from clgrid.scene import Scene, default_camera, load_scene
 
 Made = TypeVar("Made")
@@ -83,12 +84,22 @@ class Work:
             view=view,
         )
 
-    def warm_up(self, device: Device, aovs: Sequence[str] = (), *, smooth: bool = False) -> float:
-        """Compile what this work needs; the seconds it took."""
+    def warm_up(
+        self,
+        device: Device,
+        aovs: Sequence[str] = (),
+        scene: Scene | None = None,
+        shading: Shading | None = None,
+        orthographic: bool = False,
+    ) -> float:
+        """Compile what this work needs for pictures of a scene, or of flat triangles; the seconds it took."""
         return warm_up(
             device,
             aovs,
-            smooth=smooth,
+            smooth=scene is not None and scene.mesh.vertex_normals is not None,
+            look=scene.look if scene is not None and needs_look(aovs, shading) else None,
+            shading=shading,
+            orthographic=orthographic,
             layout=self.layout,
             density=self.density if self.resolution is None else 1.0,
             accuracy=self.accuracy,
@@ -176,8 +187,7 @@ def bench_scene(name: str, work: Work, device: Device) -> Row:
     scene, load_s = load_timed(name)
     view = work.camera(scene)
     seen = Measurement(scene, load_s, device)
-    smooth = scene.mesh.vertex_normals is not None
-    seen.first_compile_s.append(work.warm_up(device, smooth=smooth))
+    seen.first_compile_s.append(work.warm_up(device, scene=scene))
 
     def draw(grid: Grid) -> Image:
         return render(scene, view, work.width, work.height, grid=grid)

@@ -32,7 +32,7 @@ from clgrid.imagefile import (
 )
 from clgrid.shown import Facts, Shown, below_picture
 
-__all__ = ["NO_ID", "Attribute", "Image", "Window", "check_output", "read_image", "to_srgb8"]
+__all__ = ["NO_ID", "Attribute", "Image", "check_output", "read_image", "to_srgb8"]
 
 NO_ID = 0xFFFFFFFF
 
@@ -153,9 +153,10 @@ class Image(Shown):
         tile: int = 0,
         quality: int = 90,
         timings: bool = True,
-        window: Window | None = None,
     ) -> None:
         """Write to ``.exr``, ``.png`` or ``.jpg``; the file appears under its name only when complete.
+
+        A window of a whole picture keeps its place there, as an EXR's data and display windows.
 
         Parameters
         ----------
@@ -172,8 +173,6 @@ class Image(Shown):
             Of a JPEG, 1 to 100.
         timings : bool
             Keep the seconds among the metadata; without them the same picture gives the same bytes.
-        window : Window, optional
-            Where in the whole picture this one lies, for an EXR's data and display windows.
 
         Raises
         ------
@@ -182,13 +181,14 @@ class Image(Shown):
         InputError
             If an option is unknown or out of range.
         """
-        saving = Saving(compression, half, tile, quality, timings, window)
+        saving = Saving(compression, half, tile, quality, timings)
+        window = None if self.full_size is None else Window(*self.crop, *self.full_size)
         target = Path(path)
         check_output(target)
         partial = partial_of(target)
         try:
             if target.suffix.lower() == ".exr":
-                write_parts(partial, self._exr_parts(), self.metadata, saving)
+                write_parts(partial, self._exr_parts(), self.metadata, saving, window)
             else:
                 colour = to_srgb8(self.rgba[..., :3])
                 write_parts(partial, [("", ("R", "G", "B"), colour)], self.metadata, saving)
@@ -249,7 +249,8 @@ def read_image(path: str | Path) -> Image:
     Returns
     -------
     image : Image
-        Groups that the file lacks are None; a PNG's colour stays sRGB in [0, 1], its alpha is 1.
+        Groups that the file lacks are None; a PNG's colour stays sRGB in [0, 1], its alpha is 1. An EXR of a
+        window has its ``crop`` and ``full_size``.
 
     Raises
     ------
@@ -263,6 +264,7 @@ def read_image(path: str | Path) -> Image:
         raise ImageError(f"{path}: cannot be read as a picture ({one_line(oiio.geterror())})")
     found: dict[str, npt.NDArray[Any]] = {}
     metadata: dict[str, Any] = {}
+    crop, full_size = (0, 0), None
     part = 0
     while source.seek_subimage(part, 0):
         spec = source.spec()
@@ -270,6 +272,8 @@ def read_image(path: str | Path) -> Image:
         wanted = {known: (dtype, channels) for known, dtype, channels in _PARTS}.get(name)
         if part == 0:
             metadata = {a.name: a.value for a in spec.extra_attribs if not a.name.startswith("oiio:")}
+            if (spec.x, spec.y, spec.width, spec.height) != (0, 0, spec.full_width, spec.full_height):
+                crop, full_size = (spec.x, spec.y), (spec.full_width, spec.full_height)
         if wanted is not None:
             pixels = source.read_image(part, 0, 0, spec.nchannels, OIIO_TYPES[np.dtype(wanted[0]).name])
             if pixels is None:
@@ -292,6 +296,8 @@ def read_image(path: str | Path) -> Image:
         uv=found.get("uv"),
         albedo=found.get("albedo"),
         coverage=found["coverage"][..., 0] if "coverage" in found else None,
+        crop=crop,
+        full_size=full_size,
         metadata=metadata,
     )
 

@@ -69,8 +69,6 @@ class Saving:
     timings : bool
         Whether seconds and the date are among the metadata; without them the same picture gives the same
         bytes.
-    window : Window or None
-        Of a cropped picture.
 
     Raises
     ------
@@ -83,7 +81,6 @@ class Saving:
     tile: int = 0
     quality: int = 90
     timings: bool = True
-    window: Window | None = None
 
     def __post_init__(self) -> None:
         if self.compression not in COMPRESSIONS:
@@ -98,8 +95,14 @@ class Saving:
         return self.timings or not (key.startswith("clgrid:") and key.endswith("_s"))
 
 
-def write_parts(path: Path, parts: Sequence[Part], metadata: Mapping[str, Attribute], saving: Saving) -> None:
-    """Write channel groups with the metadata; the format follows from the suffix.
+def write_parts(
+    path: Path,
+    parts: Sequence[Part],
+    metadata: Mapping[str, Attribute],
+    saving: Saving,
+    window: Window | None = None,
+) -> None:
+    """Write channel groups with the metadata; the format follows from the suffix. A window is of an EXR.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def write_parts(path: Path, parts: Sequence[Part], metadata: Mapping[str, Attrib
     """
     import OpenImageIO as oiio  # noqa: N813
 
-    specs = [_spec(part, saving) for part in parts]
+    specs = [_spec(part, saving, window) for part in parts]
     kept = {key: value for key, value in metadata.items() if saving.keeps(key)}
     described = kept if path.suffix == ".exr" else _as_text(kept)
     for key, value in described.items():
@@ -139,7 +142,7 @@ def _why(path: Path, parts: Sequence[Part], said: str) -> str:
     return f"{target}: cannot be written ({said})"
 
 
-def _spec(part: Part, saving: Saving) -> Any:
+def _spec(part: Part, saving: Saving, window: Window | None) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
     name, channels, array = part
@@ -153,9 +156,9 @@ def _spec(part: Part, saving: Saving) -> Any:
         spec["compression"] = "zip" if lossy and not colours else saving.compression
         if saving.tile:
             spec.tile_width = spec.tile_height = saving.tile
-        if saving.window is not None:
-            spec.x, spec.y = saving.window.x, saving.window.y
-            spec.full_width, spec.full_height = saving.window.full_width, saving.window.full_height
+        if window is not None:
+            spec.x, spec.y = window.x, window.y
+            spec.full_width, spec.full_height = window.full_width, window.full_height
         if not saving.timings:
             spec["DateTime"] = _NO_DATE
     else:

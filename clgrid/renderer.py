@@ -27,6 +27,7 @@ from clgrid.recipe import kinds
 from clgrid.scene import Scene, default_camera
 from clgrid.shading.order import Order, Window, check_order
 from clgrid.shading.staged import draw_staged
+from clgrid.shading.stand_in import few, stand_in, traits
 from clgrid.target import MeshPart
 from clgrid.tuning import tuning_of
 
@@ -110,9 +111,10 @@ def render(
     _check(width, height, aovs, background)
     window = _window(crop, width, height)
     view = camera or default_camera(scene, width / height)
-    wanted = look if look is not None else getattr(scene, "look", None)
-    reads_look = shading is not None or "uv" in aovs or "albedo" in aovs
-    order = Order(view, (width, height), window, background, wanted if reads_look else None, shading)
+    if look is None and isinstance(scene, Scene) and needs_look(aovs, shading):
+        look = scene.look
+    wanted = look if needs_look(aovs, shading) else None
+    order = Order(view, (width, height), window, background, wanted, shading)
     check_order(order, mesh)  # before there is a grid
     if grid is None:
         grid = build(mesh, **{"rays": width * height, "view": view, **build_options})
@@ -138,6 +140,11 @@ def render(
     image.metadata |= _told_of(order, stages, cropped=crop is not None)
     image.metadata["worldToNDC"] = view.world_to_ndc(width, height)
     return image
+
+
+def needs_look(aovs: Sequence[str], shading: Shading | None) -> bool:
+    """Whether a picture shows materials: a plain one does not, and no textures are decoded for it."""
+    return shading is not None or "uv" in aovs or "albedo" in aovs
 
 
 def _takes_stages(order: Order, aovs: Sequence[str]) -> bool:
@@ -196,6 +203,9 @@ def warm_up(
     smooth: bool = False,
     layout: str = "compact",
     skipping: bool | str = False,
+    look: Look | None = None,
+    shading: Shading | None = None,
+    orthographic: bool = False,
     **build_options: Any,
 ) -> float:
     """Compile what a build and a render need by drawing one triangle, in every layout that may be chosen.
@@ -207,8 +217,10 @@ def warm_up(
     ----------
     device : Device or str, optional
         As of ``clgrid.build``.
-    aovs, smooth, layout, skipping, build_options
+    aovs, smooth, layout, skipping, look, shading, build_options
         As the later render: ``smooth`` if its mesh has vertex normals.
+    orthographic : bool
+        Whether its camera is.
 
     Returns
     -------
@@ -225,18 +237,34 @@ def warm_up(
     normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)) if smooth else None
     triangle = Mesh(corners, np.array([[0, 1, 2]], np.uint32), vertex_normals=normals)
     build(triangle, layout, device=device, skipping=skipping, **build_options)
+    seen: dict[str, Any] = {"aovs": aovs}
+    if needs_look(aovs, shading):
+        seen |= {"look": stand_in(traits(look), triangle), "shading": few(look, shading)}
+    if orthographic:
+        seen["camera"] = Camera.look_at((0, 0, 1), (0, 0, 0), orthographic_height=2.0)
     for each, skip in kinds(layout, skipping):
         options = {**build_options, "layout": each, "skipping": skip, "density": 1.0}
-        render(triangle, width=_BLOCK, height=_BLOCK, aovs=aovs, device=device, **options)
+        render(triangle, width=_BLOCK, height=_BLOCK, device=device, **seen, **options)
     return time.perf_counter() - start
+
+
+def check_aovs(aovs: Sequence[str]) -> None:
+    """Refuse a name that is of no AOV.
+
+    Raises
+    ------
+    InputError
+        With the names that there are.
+    """
+    unknown = [name for name in aovs if name not in AOVS]
+    if unknown:
+        raise InputError(f"render: unknown AOV {unknown[0]!r}; choose of {', '.join(AOVS)}")
 
 
 def _check(width: int, height: int, aovs: Sequence[str], background: Sequence[float]) -> None:
     if width < 1 or height < 1 or width * height > _MOST_PIXELS:
         raise InputError(f"render: size {width}x{height}; give at least 1x1 and at most 2^28 pixels")
-    unknown = [name for name in aovs if name not in AOVS]
-    if unknown:
-        raise InputError(f"render: unknown AOV {unknown[0]!r}; choose of {', '.join(AOVS)}")
+    check_aovs(aovs)
     if len(background) != 3 or not np.isfinite(background).all():
         raise InputError(f"render: background {tuple(background)} is not three finite numbers")
 

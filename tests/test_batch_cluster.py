@@ -6,11 +6,12 @@ import os
 import signal
 from pathlib import Path
 
+import msgspec
 import pytest
 from test_batch_run import CAMERAS, files, planned
 
 from clgrid.batch import cluster
-from clgrid.batch.item import ItemRecord
+from clgrid.batch.item import DONE, FAILED, ItemRecord, about
 from clgrid.batch.run import Choices, run
 from clgrid.cli.batch_progress import Quiet
 from clgrid.device import Device
@@ -36,6 +37,32 @@ def test_workers_of_one_machine_share_its_cores_out() -> None:
     shares = [cluster.cores_of(k, 2) or [] for k in range(2)]
     assert sorted(core for share in shares for core in share) == sorted(os.sched_getaffinity(0))
     assert cluster.cores_of("tcp://host:1", 0) is None
+
+
+class Lost:
+    """A task whose result was lost with its worker: it is not finished when it is looked at, and then is."""
+
+    status = "lost"
+
+    def __init__(self, outcome: bytes | Exception) -> None:
+        self.outcome = outcome
+
+    def exception(self) -> None:
+        return None
+
+    def result(self) -> bytes:
+        if isinstance(self.outcome, Exception):
+            raise self.outcome
+        return self.outcome
+
+
+@pytest.mark.host
+def test_a_result_lost_with_its_worker_is_waited_for(tmp_path) -> None:
+    item = planned(tmp_path, TEXT.replace("WHERE", "one")).items[0]
+    record = about(item, "0", DONE)
+    assert cluster._record(Lost(msgspec.json.encode(record)), item) == record
+    failed = cluster._record(Lost(RuntimeError("three\nworkers died")), item)
+    assert (failed.status, failed.error) == (FAILED, "RuntimeError: three")
 
 
 class Killer(Quiet):

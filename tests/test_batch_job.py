@@ -11,7 +11,7 @@ from clgrid.batch import plan as planning
 from clgrid.batch.frame_numbers import parse_frames
 from clgrid.batch.item import Item
 from clgrid.batch.job import parse_job
-from clgrid.batch.keys import Hashes, companions
+from clgrid.batch.keys import Hashes
 from clgrid.batch.plan import parse_shard, plan
 from clgrid.batch.toml_lines import keys_by_line, line_of
 from clgrid.errors import InputError
@@ -102,7 +102,11 @@ def test_other_frames_are_refused(given):
         ('crop = [0, 0, 9, 6]', "crop"),
         ('time_limit = 0', "time_limit"),
         ('retries = -1', "retries"),
-        ('frames = "all"', "not known"),
+        ('frames = "all"', "nothing moves any of the 2 scenes"),
+        ('frames = "all"\nanimation = "walk"\nvertices = "."', "animation: vertices move"),
+        ('frames = "all"\nfps = 0', "fps 0"),
+        ('fps = 30', "fps: without frames"),
+        ('scenes = ["."]', "no mesh file there"),
         ('vertices = "a.npy"', "without frames"),
         ('[[item]]\nframes = "x"', "item frames"),
     ],
@@ -189,11 +193,3 @@ def test_the_key_follows_what_pixels_depend_on_and_nothing_else(tmp_path):
     assert len({first, *keys}) == len(keys) + 1
     fast = base + 'accuracy = "fast"\n'
     assert key(fast) != key(fast + 'device = "0"\n')
-
-
-def test_files_beside_a_scene_are_found_and_damage_is_no_error(tmp_path):
-    (tmp_path / "a.gltf").write_text('{"buffers": [{"uri": "a%20b.bin"}, {"uri": "data:,"}], "images": [{}]}')
-    assert companions(tmp_path / "a.gltf") == [tmp_path / "a b.bin"]
-    for text in ("[]", "{", '{"buffers": [1]}', '{"buffers": 5}', '{"buffers": [{"uri": 3}]}'):
-        (tmp_path / "b.gltf").write_text(text)
-        assert companions(tmp_path / "b.gltf") == []

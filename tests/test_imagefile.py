@@ -17,7 +17,7 @@ from test_image import picture
 
 from clgrid.camera import Camera
 from clgrid.errors import InputError
-from clgrid.image import Window, read_image
+from clgrid.image import read_image
 from clgrid.imagefile import COMPRESSIONS, partial_of, target_of
 
 LOSSY = ("pxr24", "b44", "b44a", "dwaa", "dwab")
@@ -66,12 +66,19 @@ def test_depths_normals_and_ids_are_exact_in_every_compression(tmp_path, compres
 
 def test_tiles_and_windows_are_those_of_every_part(tmp_path):
     image = picture(48, 33)
-    image.save(tmp_path / "a.exr", tile=16, window=Window(5, 7, 200, 100))
+    image.crop, image.full_size = (5, 7), (200, 100)
+    image.save(tmp_path / "a.exr", tile=16)
     for spec in parts(tmp_path / "a.exr").values():
         assert (spec.tile_width, spec.tile_height) == (16, 16)
         assert (spec.x, spec.y, spec.width, spec.height) == (5, 7, 33, 48)
         assert (spec.full_x, spec.full_y, spec.full_width, spec.full_height) == (0, 0, 200, 100)
-    assert (read_image(tmp_path / "a.exr").rgba == image.rgba).all()
+    back = read_image(tmp_path / "a.exr")
+    assert (back.rgba == image.rgba).all()
+    assert (back.crop, back.full_size) == (image.crop, image.full_size)
+    # A window may well be the whole.
+    image.crop, image.full_size = (0, 0), (33, 48)
+    image.save(tmp_path / "b.exr")
+    assert read_image(tmp_path / "b.exr").full_size is None
 
 
 def test_the_quality_of_a_jpeg_is_that_asked_for(tmp_path):

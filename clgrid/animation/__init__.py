@@ -6,6 +6,7 @@ A frame is asked for when it is needed: nothing of the others is in memory, but 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import InputError
-from clgrid.mesh import FloatArray, Mesh
+from clgrid.mesh import FloatArray, Mesh, extent, used_vertices
 
 if TYPE_CHECKING:
     from clgrid.camera import Camera
@@ -35,6 +36,8 @@ class Frames:
         Seconds.
     topology_changes : bool
         Whether frames may have other triangles than the scene's mesh; `vertices` then refuses those that do.
+    mesh_moves : bool
+        Whether the mesh does; else every frame has the scene's own, vertex normals too.
     cameras_move : bool
         Whether `cameras` differ from frame to frame.
     warnings : tuple of str
@@ -42,6 +45,7 @@ class Frames:
     """
 
     topology_changes = False
+    mesh_moves = True
     cameras_move = False
     warnings: tuple[str, ...] = ()
 
@@ -70,7 +74,30 @@ class Frames:
 
     def mesh(self, k: int) -> Mesh:
         """The mesh of frame ``k``, without vertex normals where it is moved: they are of another shape."""
-        return self.base.mesh.moved(self.vertices(k))
+        self.checked(k)
+        return self.base.mesh.moved(self.vertices(k)) if self.mesh_moves else self.base.mesh
+
+    @cached_property
+    def bounds(self) -> npt.NDArray[np.float64] | None:
+        """(2, 3): what triangles reach in any frame, for a camera that sees all; None without a triangle.
+
+        Computed once, from every frame.
+        """
+        if not self.mesh_moves:
+            return self.base.mesh.bounds if self.base.mesh.triangle_count else None
+        boxes = [box for box in map(self._box, range(self.count)) if box is not None]
+        if not boxes:
+            return None
+        low, high = zip(*boxes, strict=True)
+        return np.stack([np.min(low, axis=0), np.max(high, axis=0)]).astype(np.float64)
+
+    def _box(self, k: int) -> FloatArray | None:
+        """(2, 3): what triangles reach in frame ``k``."""
+        return extent(self.vertices(k)[self._used]) if self.base.mesh.triangle_count else None
+
+    @cached_property
+    def _used(self) -> npt.NDArray[np.bool_]:
+        return used_vertices(self.base.mesh)
 
     def look(self, k: int) -> Look | None:
         """The look of frame ``k``; lights may move."""
@@ -90,7 +117,7 @@ class Frames:
         InputError
             If there is no such frame or camera.
         """
-        from clgrid.scene import camera_among
+        from clgrid.scene_cameras import camera_among
 
         return camera_among(self.cameras(k), selector, self.base.name)
 

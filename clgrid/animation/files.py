@@ -96,6 +96,10 @@ class FileFrames(Frames):
             )
         return mesh.vertices
 
+    def _box(self, k: int) -> FloatArray | None:
+        mesh = self.mesh(k)
+        return mesh.bounds if mesh.triangle_count else None
+
     def look(self, k: int) -> Look | None:
         """The look of file ``k``."""
         return self.scene(k).look

@@ -89,6 +89,7 @@ class NodeFrames(Frames):
         super().__init__(base, str(path), even_times(count, fps))
         self._drawn = drawn
         self._tracks = tracks
+        self.mesh_moves = _reaches(drawn, tracks)
         seen = [placed.number for placed in drawn.placed if placed.node.camera is not None]
         self.cameras_move = bool(seen) and any(
             not np.array_equal(a.world, b.world)
@@ -120,7 +121,7 @@ class NodeFrames(Frames):
 
     def cameras(self, k: int) -> tuple[Camera, ...]:
         """The cameras of frame ``k``."""
-        from clgrid.scene import camera_of
+        from clgrid.scene_cameras import camera_of
 
         found = cameras_of(self._drawn.document.gltf, self._placed(k))
         return tuple(camera_of(each) for each in found)
@@ -136,6 +137,18 @@ class NodeFrames(Frames):
         gltf, time = self._drawn.document.gltf, float(self.times[self.checked(k)])
         with named_errors(self._drawn.document.path):
             return placed_nodes(gltf, posed(gltf, self._tracks, time))
+
+
+def _reaches(drawn: Drawn, tracks: list[Track]) -> bool:
+    """Whether tracks move a node that is drawn, or one that it hangs on; a skin may hang on any."""
+    moved: set[int] = set()
+    todo = [track.node for track in tracks]
+    while todo:
+        number = todo.pop()
+        if number not in moved:
+            moved.add(number)
+            todo.extend(drawn.document.gltf.nodes[number].children)
+    return any(draw.pose is not None or draw.placed.number in moved for draw in drawn.draws)
 
 
 def _differ(one: Draw, other: Draw) -> bool:

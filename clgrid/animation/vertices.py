@@ -70,6 +70,27 @@ def read_frames(path: Path, mesh: Mesh) -> Positions:
     return frames
 
 
+def count_in_file(path: Path) -> int:
+    """Frames that the header of a ``.npy`` file tells, without reading them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is none.
+    """
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else open(path, "rb") as file:
+            version = np.lib.format.read_magic(file)
+            formats, old = np.lib.format, version == (1, 0)
+            shape, _, _ = (formats.read_array_header_1_0 if old else formats.read_array_header_2_0)(file)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"frames {path}: cannot be read ({reason}); give a .npy or .npy.gz file") from error
+    except (ValueError, EOFError, zlib.error) as error:
+        raise InputError(f"frames {path}: not a .npy or .npy.gz file ({error}); write it again") from error
+    return int(shape[0]) if shape else 0
+
+
 def _read_array(path: Path) -> npt.NDArray[Any]:
     """Read an array of numbers; a file that is not gzipped is mapped, not copied."""
     try:

@@ -131,11 +131,11 @@ class Cluster:
 
 
 def _record(done: Any, item: Item) -> ItemRecord:
-    if done.status == "finished":
+    try:
+        # A worker that dies after its task takes the result along; this then waits for the next try.
         return msgspec.json.decode(done.result(), type=ItemRecord)
-    error = done.exception()
-    # What the scheduler says after several workers died at this one.
-    said = f"{type(error).__name__}: {error}".splitlines()[0]
+    except Exception as error:  # what the scheduler says, such as that several workers died at this one
+        said = f"{type(error).__name__}: {error}".splitlines()[0]
     return msgspec.structs.replace(about(item, clgrid.__version__, FAILED), error=said)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
+from clgrid.animation import DEFAULT_FPS
 from clgrid.batch.job import Settings, View
 from clgrid.record import DeviceRecord
 
@@ -23,8 +24,8 @@ class Item(msgspec.Struct, frozen=True, kw_only=True):
         For names of files.
     frame : int or None
         None of a still picture.
-    vertices : str or None
-        File of the vertices of each frame.
+    vertices, fps, animation
+        What moves the scene, as of ``clgrid.load_scene``.
     view : View
         The camera.
     outputs : tuple of str
@@ -41,6 +42,8 @@ class Item(msgspec.Struct, frozen=True, kw_only=True):
     camera_name: str
     frame: int | None
     vertices: str | None
+    fps: float = DEFAULT_FPS
+    animation: str | int | None = None
     view: View
     settings: Settings
     outputs: tuple[str, ...]

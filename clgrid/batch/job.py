@@ -99,14 +99,20 @@ class Job(Settings, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_
     Attributes
     ----------
     scenes : list of str
-        Files or patterns of files, relative to the job file, or built-in scenes.
+        Files or patterns of files, relative to the job file, or built-in scenes; a folder is a scene whose
+        files are its frames.
     output : str or list of str
         Names of the pictures, relative to the job file, with ``{scene}``, ``{folder}``, ``{camera}``,
         ``{frame:04d}``, ``{item:04d}``.
     frames : str, int, list of int or None
         ``"1..240"``, ``"all"``, or numbers; a still picture without it.
     vertices : str or None
-        A ``.npy`` file of the vertices of each frame, frame 0 first.
+        What moves the scenes: a ``.npy`` file of the vertices of each frame, or a folder or a pattern of mesh
+        files; without it, a glTF scene's own animation.
+    fps : float or None
+        Frames a second, at which animations are sampled; 24 without it.
+    animation : str, int or None
+        Name or number of an animation of the glTF scenes; the first without it.
     cameras : list
         ``"all"`` of the scene, names, indices, camera files, or tables with ``eye`` and ``look_at``.
     records : str or None
@@ -119,6 +125,8 @@ class Job(Settings, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_
     output: str | list[str]
     frames: str | int | list[int] | None = None
     vertices: str | None = None
+    fps: float | None = None
+    animation: str | int | None = None
     cameras: list[str | int | View] = []
     records: str | None = None
     item: list[Override] = []

@@ -9,24 +9,18 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 from pathlib import Path
-from urllib.parse import unquote
 
 import msgspec
 
 import clgrid
 from clgrid.batch.item import Item
-from clgrid.errors import ClgridError
+from clgrid.errors import ClgridError, InputError
 from clgrid.image import read_image
 
 KEY = "clgrid:content_key"
 # They decide where and how long, not what.
 _NOT_CONTENT = ("device", "max_memory", "time_limit", "retries")
-_NAMED_IN_OBJ = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
-_NAMED_IN_MTL = re.compile(
-    rb"^\s*(?:map_\w+|bump|norm|disp|decal)\s+(?:.*\s)?(\S+)\s*$", re.MULTILINE | re.IGNORECASE
-)
 _DAMAGED_END = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
 
 
@@ -35,6 +29,7 @@ class Hashes:
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, int], str] = {}
+        self._beside: dict[Path, dict[str, list[tuple[str, Path | None]]]] = {}
 
     def of(self, path: Path) -> str:
         """SHA-256 of a file's bytes; "missing" if it cannot be read."""
@@ -48,60 +43,54 @@ class Hashes:
                         digest.update(chunk)
                 self._known[place] = digest.hexdigest()
             return self._known[place]
-        except OSError:
+        except (OSError, ValueError):  # a name that no file can have
             return "missing"
 
     def with_key(self, item: Item) -> Item:
         """The item with its content key and the hash of its scene's file."""
         path = Path(item.scene)
-        scene = self.of(path) if path.is_file() else f"built-in {item.scene}"
+        scene = self.of(path) if path.is_file() else ""
         camera = Path(item.view.camera) if item.view.camera.lower().endswith(".json") else None
         settings = msgspec.to_builtins(item.settings)
         left_out = [name for name in _NOT_CONTENT if name != "device" or item.settings.accuracy != "fast"]
         content = {
             "clgrid": clgrid.__version__,
-            "scene": scene,
-            "beside": [self.of(each) for each in companions(path)],
-            "vertices": None if item.vertices is None else self.of(Path(item.vertices)),
+            # A folder is its files; of what is no file the name says all.
+            "scene": self._of_source(item.scene) if scene or path.is_dir() else f"built-in {item.scene}",
+            "vertices": None if item.vertices is None else self._of_source(item.vertices),
+            "fps": item.fps,
+            "animation": item.animation,
             "frame": item.frame,
             "view": msgspec.to_builtins(msgspec.structs.replace(item.view, name="")),
             "camera": None if camera is None else self.of(camera),
             "settings": {name: value for name, value in settings.items() if name not in left_out},
         }
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:40]
-        return msgspec.structs.replace(item, key=key, source_sha256=scene if path.is_file() else "")
+        return msgspec.structs.replace(item, key=key, source_sha256=scene)
 
+    def _of_source(self, name: str) -> str:
+        """Hash of a file, or of all files of a folder or a pattern, each with the files that it names."""
+        from clgrid.animation.files import frame_files, is_files
 
-def companions(path: Path) -> list[Path]:
-    """Files that a scene's file names: buffers, images, materials. Of one that is damaged, none."""
-    name = path.name.lower()
-    try:
-        if name.endswith(".gltf"):
-            document = json.loads(path.read_bytes())
-            entries = [each for kind in ("buffers", "images") for each in document.get(kind, [])]
-            uris = [each.get("uri", "") for each in entries]
-            named = [unquote(uri) for uri in uris if uri and not uri.startswith("data:")]
-        elif name.endswith(".obj"):
-            return _beside_obj(path)
-        else:
-            return []
-    except (OSError, ValueError, AttributeError, TypeError, RecursionError):
-        return []
-    return [path.parent / each for each in named]
+        try:
+            files = frame_files(name) if is_files(name) else (Path(name),)
+        except InputError:
+            return "missing"
+        digest = hashlib.sha256()
+        for path in files:
+            digest.update(f"{self.of(path)}\n".encode())
+            for written, found in self._companions_of(path):
+                digest.update(f"{written!r} {'missing' if found is None else self.of(found)}\n".encode())
+        return digest.hexdigest()
 
+    def _companions_of(self, path: Path) -> list[tuple[str, Path | None]]:
+        """Files that a file names; looked for once while it stays as it is."""
+        from clgrid.lookfile.companions import companions
 
-def _beside_obj(path: Path) -> list[Path]:
-    found = []
-    for material in _named(_NAMED_IN_OBJ, path):
-        found.append(material)
-        if material.is_file():
-            found += _named(_NAMED_IN_MTL, material)
-    return found
-
-
-def _named(pattern: re.Pattern[bytes], path: Path) -> list[Path]:
-    names = dict.fromkeys(os.fsdecode(match[1]) for match in pattern.finditer(path.read_bytes()))
-    return [path.parent / name.replace("\\", "/") for name in names if "\0" not in name]
+        state = self.of(path)
+        if state not in self._beside.get(path, {}):
+            self._beside[path] = {state: companions(path)}
+        return self._beside[path][state]
 
 
 def has_picture(path: Path, key: str) -> bool:

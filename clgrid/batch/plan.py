@@ -14,17 +14,21 @@ from pathlib import Path
 import msgspec
 
 from clgrid import procedural
+from clgrid.animation import DEFAULT_FPS, checked_fps
+from clgrid.animation.files import frame_files, shared_name
 from clgrid.batch import names
 from clgrid.batch.frame_numbers import parse_frames
 from clgrid.batch.item import Item
 from clgrid.batch.job import Job, Override, Settings, View, merged
-from clgrid.batch.poses import count_in_file
-from clgrid.errors import ClgridError, InputError
+from clgrid.batch.loader import shading_of
+from clgrid.errors import ClgridError, InputError, MeshError
 from clgrid.imagefile import EXTENSIONS, Saving
 from clgrid.layouts import ALL_LAYOUTS
 from clgrid.recipe import Options
 from clgrid.renderer import AOVS
-from clgrid.scene import short_name
+from clgrid.scene import count_frames, short_name
+from clgrid.shading.lamps import lamps_of
+from clgrid.shading.order import check_shading
 
 ALL_CAMERAS = "all"
 WHOLE = "default"
@@ -103,14 +107,13 @@ def plan(job: Job, base: Path) -> Plan:
         if override.frames is not None:
             parse_frames(override.frames, "item frames")
     vertices = None if job.vertices is None else str(_under(base, job.vertices))
-    if vertices is not None and job.frames is None:
-        raise InputError('vertices: without frames no frame is drawn; add frames = "all"')
+    _check_moving(job, scenes)
     cameras = [_camera(each, base) for each in job.cameras]
     items: list[Item] = []
+    frames_of = _frames_of(job, scenes, vertices)
     for scene in scenes:
-        frames = _frames_of(job, scene, vertices)
         views = _views(cameras, scene)
-        for frame in frames:
+        for frame in frames_of[scene]:
             for view in views:
                 items.append(_item(job, len(items), scene, frame, view, vertices, patterns, base))
     names.require_distinct([(path, item.title) for item in items for path in item.outputs])
@@ -132,8 +135,28 @@ def _check_patterns(patterns: list[str], *, moving: bool) -> None:
             raise InputError(f"output {pattern!r}: unknown picture format; end it in {', '.join(EXTENSIONS)}")
 
 
+def _check_moving(job: Job, scenes: list[str]) -> None:
+    """Refuse what says how scenes move where no frame is asked for, or two things that move one."""
+    folder = next((scene for scene in scenes if Path(scene).is_dir()), None)
+    if job.frames is not None:
+        if folder and job.vertices:
+            raise InputError(f"vertices: {folder} is a folder of frames already; give one of them")
+        if job.vertices and job.animation is not None:
+            raise InputError("animation: vertices move the scenes already; give one of them")
+        checked_fps(fps_of(job))
+        return
+    given = next((name for name in ("vertices", "fps", "animation") if getattr(job, name) is not None), None)
+    if given:
+        raise InputError(f'{given}: without frames no frame is drawn; add frames = "all"')
+    if folder:
+        raise InputError(
+            f'scenes: {folder} is a folder, whose files are frames; add frames = "all", or give a pattern '
+            "such as folder/*.ply, whose files are scenes"
+        )
+
+
 def find_scenes(given: list[str], base: Path) -> list[str]:
-    """Files of patterns in the order of their names, and built-in scenes; each once.
+    """Files of patterns in the order of their names, folders of frames, and built-in scenes; each once.
 
     Raises
     ------
@@ -144,6 +167,9 @@ def find_scenes(given: list[str], base: Path) -> list[str]:
     for name in given:
         path = _under(base, name)
         if path.is_file():
+            found[str(path)] = None
+        elif path.is_dir():
+            frame_files(path)
             found[str(path)] = None
         elif procedural.is_name(name):
             found[name] = None
@@ -206,38 +232,54 @@ def _all_of(scene: str) -> list[View]:
 
     path = Path(scene)
     try:
+        path = frame_files(path)[0] if path.is_dir() else path
         cameras = read_cameras(path) if path.is_file() else ()
     except ClgridError:
         cameras = ()
     return [View(camera=str(k), name=each.name or str(k)) for k, each in enumerate(cameras)] or [View()]
 
 
-def _frames_of(job: Job, scene: str, vertices: str | None) -> list[int | None]:
+def _frames_of(job: Job, scenes: list[str], vertices: str | None) -> dict[str, list[int | None]]:
+    """The frames that are drawn of each scene; None of a job without frames.
+
+    A scene that stands still has frame 0 alone. One that cannot be read keeps the numbers asked for, or 0:
+    what is wrong with it is said when its item is drawn, and is that item's failure.
+    """
     if job.frames is None:
-        return [None]
+        return {scene: [None] for scene in scenes}
     numbers = parse_frames(job.frames)
-    count = None if vertices is None else count_in_file(Path(vertices))
-    if numbers is None:
-        count = _own_count(scene) if vertices is None else count
-        if count is None:
-            raise InputError(f'frames "all": how many {scene} has is not known; give numbers, such as 0..239')
-        return list(range(count))
-    if count is not None and max(numbers) >= count:
+    counts = {scene: _count(job, scene, vertices) for scene in scenes}
+    still = vertices is None and not any(Path(scene).is_dir() for scene in scenes)
+    if still and set(counts.values()) == {1}:
         raise InputError(
-            f"frames {job.frames!r}: there is no frame {max(numbers)}, {vertices or scene} has 0..{count - 1}"
+            f"frames {job.frames!r}: nothing moves {_named(scenes)}; give vertices, or leave out frames"
         )
-    return list(numbers)
+    found: dict[str, list[int | None]] = {}
+    for scene, count in counts.items():
+        if numbers is not None and count is not None and max(numbers) >= count:
+            has = "1 frame, 0" if count == 1 else f"0..{count - 1}"
+            raise InputError(
+                f"frames {job.frames!r}: there is no frame {max(numbers)}, {vertices or scene} has {has}"
+            )
+        found[scene] = list(range(count or 1)) if numbers is None else list(numbers)
+    return found
 
 
-def _own_count(scene: str) -> int | None:
-    """Frames that a scene brings itself; None if it does not say, or cannot be loaded."""
-    from clgrid.scene import load_scene
+def _named(scenes: list[str]) -> str:
+    return scenes[0] if len(scenes) == 1 else f"any of the {len(scenes)} scenes"
 
+
+def _count(job: Job, scene: str, vertices: str | None) -> int | None:
+    """Frames of a scene; None if its file cannot be read."""
     try:
-        own = getattr(load_scene(scene), "frames", None)
-    except ClgridError:
+        return count_frames(scene, vertices, fps_of(job), job.animation)
+    except MeshError:
         return None
-    return None if own is None else int(own.count)
+
+
+def fps_of(job: Job) -> float:
+    """Frames a second of a job."""
+    return DEFAULT_FPS if job.fps is None else job.fps
 
 
 def _item(
@@ -245,7 +287,9 @@ def _item(
     patterns: list[str], base: Path,
 ) -> Item:  # fmt: skip
     path = Path(scene)
-    name = short_name(path) if path.is_absolute() else scene
+    name = scene
+    if path.is_absolute():
+        name = shared_name(path) if path.is_dir() else short_name(path)
     chosen = [override for override in job.item if _fits(override, name, scene, view.name, frame)]
     fields = {"scene": name, "folder": path.parent.name, "camera": view.name}
     outputs = tuple(
@@ -258,6 +302,8 @@ def _item(
         camera_name=view.name,
         frame=frame,
         vertices=vertices,
+        fps=fps_of(job),
+        animation=job.animation,
         view=view,
         settings=merged(job, chosen),
         outputs=outputs,
@@ -297,6 +343,10 @@ def check_settings(settings: Settings) -> None:
         rays=0,
     )
     saving_of(settings)
+    shading = shading_of(settings)
+    if shading is not None:
+        check_shading(shading)
+        lamps_of(None, shading)
     if settings.time_limit is not None and not settings.time_limit > 0:
         raise InputError(f"time_limit {settings.time_limit:g}: give seconds above 0")
     if settings.retries is not None and settings.retries < 0:

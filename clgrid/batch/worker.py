@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,7 +21,8 @@ import msgspec
 import clgrid
 from clgrid.batch import messages
 from clgrid.batch.item import DONE, FAILED, Item, ItemRecord, Written, about
-from clgrid.batch.painter import Loaded, Painted, Painter, compiled, load_item, window_of
+from clgrid.batch.loader import Loaded, Loader
+from clgrid.batch.painter import Painted, Painter, compiled
 from clgrid.batch.plan import saving_of
 from clgrid.errors import ClgridError, GridTooLargeError, InputError, MeshError, UnsupportedError
 from clgrid.record import describe_device, process_peak_bytes
@@ -56,7 +56,7 @@ class Worker:
         self._writer = ThreadPoolExecutor(_WRITERS, "write")
         # One more than are written at once; others would only take memory.
         self._unwritten = threading.BoundedSemaphore(_WRITERS + 1)
-        self._last: Loaded | None = None
+        self._loader = Loader()
 
     def work(self, orders: BinaryIO) -> None:
         """Say hello, then draw until told to stop."""
@@ -81,7 +81,7 @@ class Worker:
         while line := orders.readline():
             order = messages.order_of(line)
             if isinstance(order, messages.Draw):
-                self._orders.put((order.item, self._reader.submit(self._load, order.item)))
+                self._orders.put((order.item, self._reader.submit(self._loader.load, order.item)))
             else:
                 self._stopping.set()
                 self._orders.put(None)
@@ -91,19 +91,6 @@ class Worker:
         with self._speaking:
             self._events.write(messages.encode(event) + b"\n")
             self._events.flush()
-
-    def _load(self, item: Item) -> Loaded:
-        """Read an item's scene, unless it is that of the item before."""
-        last = self._last
-        if last is not None and (last.name, last.vertices, last.poses is not None) == (
-            item.scene,
-            item.vertices,
-            item.frame is not None,
-        ):
-            return replace(last, load_s=0.0)
-        self._last = None
-        self._last = load_item(item)
-        return self._last
 
     def _draw(self, painter: Painter, item: Item, loading: Future[Loaded]) -> None:
         self._say(messages.Turn(item.number, "load"))
@@ -157,7 +144,6 @@ def write(item: Item, painted: Painted) -> tuple[Written, ...]:
             tile=saving.tile,
             quality=saving.quality,
             timings=False,
-            window=window_of(item.settings),
         )
         written.append(Written(name, path.stat().st_size))
     return tuple(written)

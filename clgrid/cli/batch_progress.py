@@ -37,14 +37,23 @@ class Lines:
     def __init__(self, asked: int) -> None:
         self._asked = asked
         self._ended = 0
+        self._warned: set[str] = set()
 
     def event(self, event: Event) -> None:
         """Nothing: logs are for what has ended."""
 
     def item(self, record: ItemRecord) -> None:
-        """Say what became of it."""
+        """Say what became of it, and what was left out of its files."""
+        output.warn(unsaid(record, self._warned), quiet=False)
         self._ended += 1
         print(f"clgrid: [{self._ended}/{self._asked}] {line_of(record)}", file=sys.stderr, flush=True)
+
+
+def unsaid(record: ItemRecord, said: set[str]) -> list[str]:
+    """Warnings of an item that no item had before: those of a scene are in all of its records."""
+    fresh = [line for line in record.warnings if line not in said]
+    said.update(fresh)
+    return fresh
 
 
 def line_of(record: ItemRecord) -> str:
@@ -77,6 +86,7 @@ class Bars:
         self._ended = 0
         self._begun = time.monotonic()
         self._failed = 0
+        self._warned: set[str] = set()
         self._items = bars.add_task("items", total=asked, told=f"0/{asked}")
         self._rows = bars.add_task("", total=1.0, told="", visible=False)
 
@@ -92,7 +102,9 @@ class Bars:
             self._bars.update(self._rows, completed=event.share, told=f"{event.share:.0%}")
 
     def item(self, record: ItemRecord) -> None:
-        """Count it; say it above the bars if it failed."""
+        """Count it; say above the bars if it failed, and what was left out of its files."""
+        for line in unsaid(record, self._warned):
+            self._bars.console.print(f"warning: {line}", markup=False, highlight=False)
         if record.error:
             self._failed += 1
             self._bars.console.print(line_of(record), style="red", markup=False, highlight=False)

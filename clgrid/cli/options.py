@@ -133,7 +133,7 @@ def parse_bytes(text: str) -> int | None:
     return int(float(match[1]) * _UNITS[match[2]])
 
 
-def parse_colour(text: str) -> tuple[float, float, float]:
+def parse_colour(text: str, what: str = "--background") -> tuple[float, float, float]:
     """Read a linear ``R,G,B``, one linear grey, or an sRGB ``#rrggbb``.
 
     Raises
@@ -152,7 +152,7 @@ def parse_colour(text: str) -> tuple[float, float, float]:
     if len(values) == 1:
         values = values * 3
     if len(values) != 3:
-        raise InputError(f"--background {text!r}: give linear R,G,B, one grey, or #rrggbb")
+        raise InputError(f"{what} {text!r}: give linear R,G,B, one grey, or #rrggbb")
     return values[0], values[1], values[2]
 
 

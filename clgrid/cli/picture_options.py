@@ -64,7 +64,7 @@ Frames = Annotated[
     typer.Option(
         "--frames",
         metavar="A..B|all",
-        help="Frames of a moving mesh, from 0: 1..240, 0..100..5, 7, all.",
+        help="Frames of a scene that moves, from 0: 1..240, 0..100..5, 7, all.",
         rich_help_panel=options.PICTURE,
         show_default=False,
     ),
@@ -73,8 +73,29 @@ Vertices = Annotated[
     str,
     typer.Option(
         "--vertices",
-        metavar="FILE.npy",
-        help="Vertices of each frame, float32 of shape (frames, vertices, 3), gzipped or not.",
+        metavar="FILE.npy|FOLDER|PATTERN",
+        help="What moves the mesh: vertices of each frame, float32 of shape (frames, vertices, 3), gzipped or"
+        " not; or a mesh file a frame. Default: the glTF scene's own animation.",
+        rich_help_panel=options.PICTURE,
+        show_default=False,
+    ),
+]
+Fps = Annotated[
+    float | None,
+    typer.Option(
+        "--fps",
+        metavar="N",
+        help="Frames a second of an animation. Default: 24.",
+        rich_help_panel=options.PICTURE,
+        show_default=False,
+    ),
+]
+Animation = Annotated[
+    str,
+    typer.Option(
+        "--animation",
+        metavar="NAME|INDEX",
+        help="Which of a glTF scene's animations. Default: the first.",
         rich_help_panel=options.PICTURE,
         show_default=False,
     ),

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from clgrid.bench import Measurement
     from clgrid.grid import Grid
     from clgrid.image import Image
-    from clgrid.imagefile import Window
+    from clgrid.look import Shading
     from clgrid.record import Row
+    from clgrid.scene import Scene
 
     Show = Callable[[str, float | None], None] | None
 
@@ -37,7 +38,7 @@ Aov = Annotated[
     str,
     typer.Option(
         metavar="NAMES",
-        help="Further parts of the .exr: depth,normal,id,steps,t_err.",
+        help="Further parts of the .exr: depth,normal,id,P,uv,albedo,coverage,steps,t_err.",
         rich_help_panel=options.PICTURE,
         show_default=False,
     ),
@@ -71,6 +72,8 @@ def render(
     crop: picture_options.Crop = "",
     frames: picture_options.Frames = "",
     vertices: picture_options.Vertices = "",
+    fps: picture_options.Fps = None,
+    animation: picture_options.Animation = "",
     camera: CameraNames = None,
     eye: cameras.Eye = "",
     look_at: cameras.LookAt = "",
@@ -141,6 +144,8 @@ def render(
     wishes = {
         "frames": frames,
         "vertices": vertices,
+        "fps": fps,
+        "animation": animation,
         "shard": shard,
         "skip": skip_existing,
         "limit": time_limit,
@@ -148,7 +153,8 @@ def render(
     }
     if render_many.is_job(scenes, outputs, camera or (), **wishes):
         settings = {**picture, **grid, **shading, **saving, "crop": window}
-        job = render_many.job_of(scenes, outputs, camera or (), place, frames, vertices, settings)
+        moving = {"frames": frames, "vertices": vertices, "fps": fps, "animation": animation}
+        job = render_many.job_of(scenes, outputs, camera or (), place, moving, settings)
         return batch.run_job(
             job,
             Path.cwd(),
@@ -163,15 +169,8 @@ def render(
             json=json,
             quiet=quiet,
         )
-    extra: dict[str, Any] = {}
-    if shading:
-        from clgrid.look import Shading
-
-        extra["shading"] = Shading(**shading)
-    if window is not None:
-        extra["crop"] = window
-        saving["window"] = _window(window, picture["size"])
     name = camera[0] if camera else ""
+    extra = {"shading": _shading(shading), "crop": window}
     return _one(
         scenes[0], outputs, picture, place | {"camera": name}, grid, extra, saving, device, json, quiet
     )
@@ -196,13 +195,13 @@ def _one(
     with output.progress(quiet=quiet) as show:
         _say(show, f"load {scene}")
         loaded, load_s = load_timed(scene)
-        output.warn(loaded.mesh.warnings, quiet=quiet)
+        look_s = _read_look(loaded, aovs, extra["shading"], quiet=quiet)
         view = cameras.choose_camera(loaded, width / height, **place)
-        seen = Measurement(loaded, load_s, chosen)
+        seen = Measurement(loaded, load_s + look_s, chosen)
         if loaded.mesh.triangle_count:
             _say(show, "compile")
-            smooth = loaded.mesh.vertex_normals is not None
-            seen.first_compile_s.append(work.warm_up(chosen, aovs, smooth=smooth))
+            parallel = view.orthographic_height is not None
+            seen.first_compile_s.append(work.warm_up(chosen, aovs, loaded, extra["shading"], parallel))
         _say(show, "build")
         grid = seen.build(work, view)
         image = seen.render(
@@ -224,18 +223,39 @@ def _one(
     return 0
 
 
-def _window(crop: tuple[int, int, int, int], size: tuple[int, int]) -> Window:
-    from clgrid.imagefile import Window
+def _shading(given: dict[str, Any]) -> Shading | None:
+    """How the picture is lit; refused before any work if a number cannot be."""
+    if not given:
+        return None
+    from clgrid.look import Shading
+    from clgrid.shading.order import check_shading
 
-    return Window(crop[0], crop[1], *size)
+    shading = Shading(**given)
+    check_shading(shading)
+    return shading
+
+
+def _read_look(scene: Scene, aovs: tuple[str, ...], shading: Shading | None, *, quiet: bool) -> float:
+    """Read materials and textures where the picture shows them, say what was left out; the seconds."""
+    import time
+
+    from clgrid.renderer import needs_look
+
+    start = time.perf_counter()
+    look = scene.look if needs_look(aovs, shading) else None
+    taken = time.perf_counter() - start
+    output.warn(scene.mesh.warnings + (() if look is None else look.warnings), quiet=quiet)
+    return taken
 
 
 def _check_outputs(paths: list[Path], aovs: tuple[str, ...], saving: dict[str, Any]) -> None:
     """Find out before any work what would fail after it."""
     from clgrid.image import check_output
     from clgrid.imagefile import Saving
+    from clgrid.renderer import check_aovs
 
     Saving(**saving)
+    check_aovs(aovs)
     for path in paths:
         check_output(path)
     if aovs and not any(path.suffix.lower() == ".exr" for path in paths):

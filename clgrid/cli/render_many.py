@@ -21,6 +21,7 @@ def is_job(scenes: Sequence[str], outputs: Sequence[str], cameras: Sequence[str]
         several
         or any("{" in name for name in outputs)
         or any(glob.has_magic(name) and not Path(name).is_file() for name in scenes)
+        or any(Path(name).is_dir() for name in scenes)
     )
 
 
@@ -29,8 +30,7 @@ def job_of(
     outputs: Sequence[str],
     cameras: Sequence[str],
     place: dict[str, Any],
-    frames: str,
-    vertices: str,
+    moving: dict[str, Any],
     settings: dict[str, Any],
 ) -> Job:
     """The options as a job; what is None or empty is left as a job has it.
@@ -54,8 +54,10 @@ def job_of(
         scenes=list(scenes),
         output=list(outputs),
         cameras=views,
-        frames=frames or None,
-        vertices=vertices or None,
+        frames=moving["frames"] or None,
+        vertices=moving["vertices"] or None,
+        fps=moving["fps"],
+        animation=moving["animation"] or None,
         **settings,
     )
 
@@ -81,12 +83,8 @@ def _view(place: dict[str, Any]) -> View:
 def shading_of(given: dict[str, Any]) -> dict[str, Any]:
     """The options of shading that were given, as ``clgrid.look.Shading`` has them."""
     read = dict(given)
-    for name in ("sun", "sky"):
-        if read[name]:
-            what = f"--{name}"
-            read[name] = options.parse_colour(read[name]) if name == "sky" else _vector(read[name], what)
-        else:
-            read[name] = None
+    read["sun"] = _vector(read["sun"], "--sun") if read["sun"] else None
+    read["sky"] = options.parse_colour(read["sky"], "--sky") if read["sky"] else None
     return {name: value for name, value in read.items() if value is not None}
 
 

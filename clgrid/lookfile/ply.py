@@ -39,7 +39,7 @@ def read(data: Content, path: Path, mesh: Mesh) -> Look | None:
     """
     header = read_header(data)
     vertex = next((element for element in header.elements if element.name == "vertex"), None)
-    picture = _picture_name(header)
+    picture = picture_name(header)
     if not header.has_faces or vertex is None or not (_named(vertex, _COLOURS) or picture):
         return None
     tables = read_tables(data, header)
@@ -59,7 +59,7 @@ def read(data: Content, path: Path, mesh: Mesh) -> Look | None:
     return shelf.look([material], np.zeros(mesh.triangle_count, np.int64), uvs, uv_faces, colours)
 
 
-def _picture_name(header: Header) -> str:
+def picture_name(header: Header) -> str:
     """Name after ``TextureFile``; the first of them, as faces have one texture here."""
     found = [line.split(None, 1) for line in header.comments if line.lower().startswith("texturefile")]
     return next((words[1].strip() for words in found if len(words) > 1), "")

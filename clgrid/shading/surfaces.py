@@ -34,6 +34,21 @@ def decoded_srgb() -> npt.NDArray[np.float64]:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
+def is_textured(look: Look) -> bool:
+    """Whether a material has a texture."""
+    return any(each.base_texture or each.emissive_texture for each in look.materials)
+
+
+def is_masked(look: Look) -> bool:
+    """Whether there may be texels that rays pass."""
+    return any(each.alpha_mode == "mask" for each in look.materials)
+
+
+def is_passable(look: Look) -> bool:
+    """Whether there may be surfaces that rays of the eye pass."""
+    return is_masked(look) or not all(each.double_sided for each in look.materials)
+
+
 def check_look(look: Look, mesh: Mesh) -> None:
     """Refuse a look whose numbers do not fit the mesh or each other.
 
@@ -131,17 +146,17 @@ class Surfaces:
     @cached_property
     def textured(self) -> bool:
         """Whether a material has a texture."""
-        return any(m.base_texture or m.emissive_texture for m in self.look.materials)
+        return is_textured(self.look)
 
     @cached_property
     def masked(self) -> bool:
         """Whether there may be texels that rays pass."""
-        return any(material.alpha_mode == "mask" for material in self.look.materials)
+        return is_masked(self.look)
 
     @cached_property
     def passable(self) -> bool:
         """Whether there may be surfaces that rays of the eye pass."""
-        return self.masked or not all(material.double_sided for material in self.look.materials)
+        return is_passable(self.look)
 
     @property
     def defines(self) -> Defines:
