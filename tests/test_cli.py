@@ -185,7 +185,7 @@ def test_an_empty_mesh_is_an_empty_picture_with_a_warning(run, device):
         ["render", "cube", "-o", "a.gif"],
         ["render", "cube", "-o", "no/such/a.png"],
         ["render", "cube", "-o", "a.png", "--aov", "depth"],
-        ["render", "cube", "-o", "a.exr", "--aov", "uv"],
+        ["render", "cube", "-o", "a.exr", "--aov", "uvw"],
         ["render", "cube", "-o", "a.png", "--size", "0x5"],
         ["render", "cube", "-o", "a.png", "--size", "99999x99999"],
         ["render", "cube", "-o", "a.png", "--density", "x"],
