@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from clgrid import record
+from clgrid.cast import Defines
 from clgrid.cost import DEFAULT_RAYS, Choice
 from clgrid.device import Device
 from clgrid.features import features
@@ -14,6 +15,7 @@ from clgrid.layouts import programs
 from clgrid.layouts.lists import NESTED, list_defines
 from clgrid.layouts.nested import DEFAULT_DENSITY as NESTED_DENSITY
 from clgrid.layouts.nested import top_resolution, within_nest
+from clgrid.look import Look
 from clgrid.mesh import Mesh
 from clgrid.prediction import predict_choice
 from clgrid.recipe import kinds
@@ -21,6 +23,7 @@ from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoR
 from clgrid.renderer import AOVS, kernel_options
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
 from clgrid.scene import Scene, gltf_cameras
+from clgrid.shading.surfaces import is_passable, look_defines
 
 _CHUNK = 1 << 20
 
@@ -75,7 +78,7 @@ def info(
         resolution=cells,
         cells=total,
         cell_bytes=4 * (total + 1) if total else 0,
-        compiled=variants(mesh),
+        compiled=variants(mesh) + shaded_variants(mesh, scene.look),
         warnings=mesh.warnings,
         features=features(scene),
     )
@@ -128,7 +131,7 @@ def explain(
         candidates=[] if choice is None else _candidates(choice),
         constants=[] if choice is None else _constants(choice),
     )
-    compiled = variants(scene.mesh, layout, skipping=skips)
+    compiled = variants(scene.mesh, layout, skipping=skips) + shaded_variants(scene.mesh, scene.look)
     return msgspec.structs.replace(found, compiled=compiled, explained=explained)
 
 
@@ -200,6 +203,20 @@ def variants(mesh: Mesh, layout: str = "compact", *, skipping: bool = False) -> 
     return (
         *programs(layout, skip=skipping),
         " ".join(("render.cl", *(f"-D{key}={value}" for key, value in options))),
+    )
+
+
+def shaded_variants(mesh: Mesh, look: Look | None) -> tuple[str, ...]:
+    """List the programs of a shaded picture on ``robust`` whose options follow from the look."""
+    if look is None or not mesh.triangle_count:
+        return ()
+    options: Defines = {"REAL": "float", **look_defines(look)}
+    smooth: Defines = {"SMOOTH_NORMALS": 1} if mesh.vertex_normals is not None else {}
+    files = [("find_surfaces.cl", options | smooth)]
+    if is_passable(look):
+        files.append(("pass_surfaces.cl", options))
+    return tuple(
+        " ".join((name, *(f"-D{key}={value}" for key, value in sorted(own.items())))) for name, own in files
     )
 
 

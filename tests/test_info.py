@@ -6,10 +6,12 @@ import sys
 import numpy as np
 import pytest
 from agreement import KINDS
+from shaded import quad, scene_of
 
 from clgrid.frame import LocalFrame
 from clgrid.grid import build
-from clgrid.info import degenerate_count, explain, info, variants
+from clgrid.info import degenerate_count, explain, info, shaded_variants, variants
+from clgrid.look import Material, Shading, Texture, TextureUse
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere
 from clgrid.program import builds
@@ -39,6 +41,19 @@ def test_info_names_the_programs_that_are_compiled(device, layout, skipping):
     render(mesh, None, 8, 8, AOVS, layout=layout, skipping=skipping, density=4, device=device)
     compiled = {" ".join((built.file, *built.options)) for built in builds(device)}
     assert set(variants(mesh, layout, skipping=skipping)) <= compiled
+
+
+@pytest.mark.host
+def test_info_names_the_programs_of_a_look(device):
+    see_through = Material(alpha_mode="mask", base_texture=TextureUse(0), base_colour=(1, 1, 1, 0))
+    texture = Texture(np.full((1, 1, 4), 255, np.uint8))
+    mesh, look = scene_of([quad(0), quad(1)], [Material(), see_through], [texture])
+    render(mesh, None, 8, 8, look=look, shading=Shading(), density=4, device=device)
+    compiled = {" ".join((built.file, *built.options)) for built in builds(device)}
+    named = shaded_variants(mesh, look)
+    assert [each.split()[0] for each in named] == ["find_surfaces.cl", "pass_surfaces.cl"]
+    assert set(named) <= compiled
+    assert shaded_variants(mesh, None) == ()
 
 
 def test_explain_describes_the_grid_that_is_built(device):

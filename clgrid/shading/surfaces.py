@@ -39,6 +39,17 @@ def is_textured(look: Look) -> bool:
     return any(each.base_texture or each.emissive_texture for each in look.materials)
 
 
+def look_defines(look: Look) -> Defines:
+    """The options of kernels that look materials up: only what the look has."""
+    options: Defines = {"MATERIAL_ID": "ushort" if look.material_ids.dtype == np.uint16 else "uint"}
+    has = {
+        "LOOK_UVS": bool(look.uvs),
+        "LOOK_COLOURS": look.colours is not None,
+        "LOOK_TEXTURES": is_textured(look),
+    }
+    return {**options, **{name: 1 for name, there in has.items() if there}}
+
+
 def is_masked(look: Look) -> bool:
     """Whether there may be texels that rays pass."""
     return any(each.alpha_mode == "mask" for each in look.materials)
@@ -160,15 +171,8 @@ class Surfaces:
 
     @property
     def defines(self) -> Defines:
-        """The options of kernels that look materials up: only what the look has."""
-        look = self.look
-        options: Defines = {"MATERIAL_ID": "ushort" if look.material_ids.dtype == np.uint16 else "uint"}
-        has = {
-            "LOOK_UVS": bool(look.uvs),
-            "LOOK_COLOURS": look.colours is not None,
-            "LOOK_TEXTURES": self.textured,
-        }
-        return {**options, **{name: 1 for name, there in has.items() if there}}
+        """As of ``look_defines``."""
+        return look_defines(self.look)
 
     def arguments(self, part: GridPart) -> list[Any]:
         """The arguments of LOOK_PARAMETERS for a part of the mesh."""
