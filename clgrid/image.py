@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from clgrid.colour import linear as decoded
 from clgrid.errors import ImageError
 from clgrid.imagefile import (
     EXTENSIONS,
@@ -309,8 +310,7 @@ def to_srgb8(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
         # Grey, as plain pictures are: one search for three.
         return np.repeat(to_srgb8(np.ascontiguousarray(red)[..., None]), 3, axis=-1)
     # The linear value at which each 8-bit step begins, so that one search converts a pixel.
-    steps = (np.arange(1, 256) - 0.5) / 255.0
-    starts = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
+    starts = decoded((np.arange(1, 256) - 0.5) / 255.0)
     return np.searchsorted(starts.astype(np.float32), linear, side="right").astype(np.uint8)
 
 

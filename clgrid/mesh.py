@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -194,9 +194,8 @@ class Mesh(Shown):
             )
         # Not by replace: faces and geometries need no second look.
         other = object.__new__(Mesh)
-        fields = ("faces", "geometry_starts", "geometry_names", "source", "warnings")
-        values = {name: getattr(self, name) for name in fields}
-        other.__dict__.update(vertices=vertices, vertex_normals=None, **values)
+        other.__dict__.update({each.name: getattr(self, each.name) for each in fields(self)})
+        other.__dict__.update(vertices=vertices, vertex_normals=None)
         _validate_layout(other)
         _validate_finite(other)
         return other

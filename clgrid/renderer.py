@@ -28,6 +28,7 @@ from clgrid.scene import Scene, default_camera
 from clgrid.shading.order import Order, Window, check_order
 from clgrid.shading.staged import draw_staged
 from clgrid.shading.stand_in import few, stand_in, traits
+from clgrid.shading.surfaces import look_defines
 from clgrid.target import MeshPart
 from clgrid.tuning import tuning_of
 
@@ -136,7 +137,8 @@ def render(
     if image.primitive_id is not None:
         image.geometry_id = _geometry_ids(mesh, image.primitive_id)
     seconds = time.perf_counter() - start
-    image.metadata = _metadata(mesh, grid, view, kernel_options(mesh, aovs) | grid.rung.defines, seconds)
+    options = look_defines(order.look) if staged and order.look else kernel_options(mesh, aovs)
+    image.metadata = _metadata(mesh, grid, view, options | grid.rung.defines, seconds)
     image.metadata |= _told_of(order, stages, cropped=crop is not None)
     image.metadata["worldToNDC"] = view.world_to_ndc(width, height)
     return image

@@ -48,7 +48,8 @@ def test_info_names_the_programs_of_a_look(device):
     see_through = Material(alpha_mode="mask", base_texture=TextureUse(0), base_colour=(1, 1, 1, 0))
     texture = Texture(np.full((1, 1, 4), 255, np.uint8))
     mesh, look = scene_of([quad(0), quad(1)], [Material(), see_through], [texture])
-    render(mesh, None, 8, 8, look=look, shading=Shading(), density=4, device=device)
+    image = render(mesh, None, 8, 8, look=look, shading=Shading(), density=4, device=device)
+    assert "-DLOOK_TEXTURES=1" in image.metadata["clgrid:kernel_options"]
     compiled = {" ".join((built.file, *built.options)) for built in builds(device)}
     named = shaded_variants(mesh, look)
     assert [each.split()[0] for each in named] == ["find_surfaces.cl", "pass_surfaces.cl"]

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pictures import CORNERS, bomb, png
 
-from clgrid.lookfile.colour import linear, srgb
+from clgrid.colour import linear, srgb
 from clgrid.lookfile.names import find_beside
 from clgrid.lookfile.pictures import (
     MAX_PIXELS,
@@ -50,7 +51,6 @@ def test_palettes_are_looked_up():
 
 
 def test_jpeg_and_float_pictures(tmp_path):
-    oiio = pytest.importorskip("OpenImageIO")
     flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
     oiio.ImageBuf(flat).write(str(tmp_path / "a.jpg"))
     read = unpacked((tmp_path / "a.jpg").read_bytes())

@@ -11,10 +11,10 @@ from look_files import both, texel
 from pictures import CORNERS, png
 from scenes import scene as shared_scene
 
+from clgrid.colour import linear
 from clgrid.errors import MeshError
 from clgrid.look import Material
 from clgrid.lookfile import read_look
-from clgrid.lookfile.colour import linear
 from clgrid.mesh import load
 
 pytestmark = pytest.mark.host

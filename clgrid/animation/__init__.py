@@ -5,6 +5,7 @@ A frame is asked for when it is needed: nothing of the others is in memory, but 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +26,7 @@ DEFAULT_FPS = 24.0
 MAX_FRAMES = 1_000_000
 
 
-class Frames:
+class Frames(ABC):
     """The frames of a scene, numbered from 0; what does not move is the scene's own.
 
     Attributes
@@ -62,6 +63,7 @@ class Frames:
     def __len__(self) -> int:
         return self.count
 
+    @abstractmethod
     def vertices(self, k: int) -> FloatArray:
         """(V, 3) positions of frame ``k``, in the order of the scene's ``mesh.vertices``.
 
@@ -70,7 +72,6 @@ class Frames:
         InputError
             If there is no such frame, or it has other triangles.
         """
-        raise NotImplementedError
 
     def mesh(self, k: int) -> Mesh:
         """The mesh of frame ``k``, without vertex normals where it is moved: they are of another shape."""

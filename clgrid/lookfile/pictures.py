@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.lookfile.colour import srgb
+from clgrid.colour import srgb
 
 MAX_PIXELS = 1 << 26
 """Pixels that a texture may have, asked of its header before anything is decoded: 256 MiB."""

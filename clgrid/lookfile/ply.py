@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from clgrid.colour import linear
 from clgrid.look import Look, Material, TextureUse
 from clgrid.lookfile import require_same
-from clgrid.lookfile.colour import linear
 from clgrid.lookfile.names import find_beside
 from clgrid.lookfile.pictures import Allowance, PictureError, Pixels, read_picture
 from clgrid.lookfile.shelf import Shelf

@@ -35,12 +35,21 @@ class Passing:
         The mesh and its grids.
     surfaces : Surfaces
         Its look.
+    arguments : sequence of list
+        Of the look, a part of the mesh each.
     """
 
-    def __init__(self, target: DeviceMesh, parts: Sequence[GridPart], surfaces: Surfaces) -> None:
+    def __init__(
+        self,
+        target: DeviceMesh,
+        parts: Sequence[GridPart],
+        surfaces: Surfaces,
+        arguments: Sequence[list[Any]],
+    ) -> None:
         self._target = target
         self._parts = parts
         self._surfaces = surfaces
+        self._arguments = arguments
         self._allocator = Allocator(target.device)
 
     def passed(
@@ -70,10 +79,10 @@ class Passing:
         shared = [allocator.share(np.ascontiguousarray(array)) for array in (ids, weights, rays, directions)]
         output = allocator.results(passes)
         items = -(-len(ids) // _HITS_PER_ITEM)
-        for part in self._parts:
+        for part, look in zip(self._parts, self._arguments, strict=True):
             options = {"REAL": "float" if rung.real is np.float32 else "double", **self._surfaces.defines}
             kernel(device, "pass_surfaces.cl", "pass_surfaces", **options, **part.mesh.defines)(
-                device.queue, (items,), (1,), *part.mesh.arguments, *self._surfaces.arguments(part),
+                device.queue, (items,), (1,), *part.mesh.arguments, *look,
                 np.uint32(len(ids)), np.uint32(sided), *shared, output,
             )  # fmt: skip
         allocator.bring_home(passes, output)

@@ -102,7 +102,7 @@ class _Drawing:
         self.camera = self.allocator.upload(order.camera.params(*order.size, order.window))
         self.look_arguments = [surfaces.arguments(part) for part in grid.standing]
         self.normals = [self._normals_of(part.mesh.used) for part in grid.standing]
-        self.passing = Passing(grid.target, grid.standing, surfaces)
+        self.passing = Passing(grid.target, grid.standing, surfaces, self.look_arguments)
         scale = 2.0**-grid.frame.exponent
         # Far from the origin of the scene, what its doubles cannot hold comes on top.
         self.lift = _LIFT[grid.accuracy] / scale + 2.0**-48 * float(np.abs(grid.mesh.bounds).max())

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from clgrid import structs
 from clgrid.cast import Defines, GridPart
+from clgrid.colour import linear
 from clgrid.errors import InputError
 from clgrid.look import Look, Material, TextureUse
 from clgrid.memory import Allocator
@@ -30,8 +31,7 @@ def grey_look(mesh: Mesh) -> Look:
 
 def decoded_srgb() -> npt.NDArray[np.float64]:
     """(256,) float64: the linear value of each byte in sRGB (IEC 61966-2-1)."""
-    value = np.arange(256) / 255.0
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return linear(np.arange(256) / 255.0)
 
 
 def is_textured(look: Look) -> bool:
