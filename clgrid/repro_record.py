@@ -194,8 +194,8 @@ class SideRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Kernel sources that are not clgrid's own (``CLGRID_KERNELS``), whole, by file name.
     compiled : tuple of str
         Every kernel file built, with its options.
-    alone, together : AnswerRecord
-        Of the ray cast alone, and in a tile of 64 like it, which takes other kernels' code.
+    traced, alone, together : AnswerRecord
+        Of the trace, of the ray cast alone, and of it in a tile of 64 like it, which takes other code.
     values : int
         That were traced.
     checked, off : int
@@ -210,6 +210,7 @@ class SideRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     build_options: str
     kernels: dict[str, str]
     compiled: tuple[str, ...]
+    traced: AnswerRecord
     alone: AnswerRecord
     together: AnswerRecord
     values: int

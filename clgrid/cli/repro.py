@@ -84,12 +84,13 @@ def _emit(replayed: ReplayRecord) -> None:
 
 
 def _answers(found: Located) -> list[tuple[str, str]]:
+    from clgrid.locate.wording import answer_text
+
     rows = []
     for way, what in (("alone", "hit, cast alone"), ("together", "hit, in a tile of 64")):
         one, other = (getattr(side, way) for side in found.sides)
         for label, answer in (("first", one), ("second", other)) if one != other else (("both", one),):
-            text = "a miss" if answer.triangle < 0 else f"triangle {answer.triangle}, t {answer.t}"
-            rows.append((what, f"{label}: {text}"))
+            rows.append((what, f"{label}: {answer_text(answer)}"))
     return rows
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from clgrid.cast import GridPart
 from clgrid.errors import ClgridError
 from clgrid.grid import Grid, untested
 from clgrid.locate.trace import Words, trace
@@ -94,13 +95,14 @@ def _done(job: Job, place: Path) -> tuple[Result, Words]:
         (),
         _answer(grid, job.ray, 1),
         _answer(grid, job.ray, _TOGETHER),
-        [_planes(recipe, grid, number) for number in range(len(grid.standing))],
+        [planes_of(recipe, part) for part in grid.standing],
     )
     return msgspec.structs.replace(result, compiled=describe_builds(device)), np.concatenate(words)
 
 
-def _planes(recipe: Recipe, grid: Grid, part: int) -> Planes:
-    params = recipe.params(grid.standing[part].mesh)
+def planes_of(recipe: Recipe, part: GridPart) -> Planes:
+    """The planes of the grid over a part of the mesh."""
+    params = recipe.params(part.mesh)
     return Planes(*(tuple(params[name].tolist()) for name in Planes.__struct_fields__))
 
 

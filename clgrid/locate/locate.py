@@ -12,7 +12,7 @@ from clgrid.locate.setting import Setting
 from clgrid.locate.sides import TIMEOUT_SECONDS, Seen, Side, ask
 from clgrid.locate.stages import stages_of
 from clgrid.locate.trace import Record, records
-from clgrid.locate.wording import labels_of, sentence
+from clgrid.locate.wording import NO_HIT, answer_text, labels_of, sentence, value_of
 from clgrid.mesh import Mesh
 from clgrid.repro_record import (
     KERNEL,
@@ -25,6 +25,9 @@ from clgrid.repro_record import (
     SideRecord,
 )
 from clgrid.rungs import LOSSLESS
+
+# How a ray is cast, by the field of SideRecord that tells its hit.
+_WAYS = {"alone": "cast alone", "together": "cast in a tile of 64 such rays"}
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def locate(
     Raises
     ------
     InputError
-        If the rung is not strict, or the mesh has no triangles.
+        If the rung is not strict, or the mesh has no triangles, or too many for one buffer of a device.
     DeviceError
         If a device is not there, refuses, crashes or hangs.
     """
@@ -90,6 +93,11 @@ def locate(
     if not mesh.triangle_count:
         raise InputError(f"{mesh.source} has no triangles, so that no ray meets any")
     first, second = ask(mesh, grid, ray, sides, timeout)
+    parts = max(len(seen.result.planes) for seen in (first, second))
+    if parts > 1:
+        raise InputError(
+            f"{mesh.source} takes {parts} grids on a device, which is not followed; give fewer triangles"
+        )
     traces = [_records(seen, grid) for seen in (first, second)]
     setting = Setting.of(mesh, grid, ray, first.result.planes[0], names)
     found = difference.compare(traces[0], traces[1], setting)
@@ -122,6 +130,7 @@ def _side(side: Side, seen: Seen, trace: Sequence[Record], setting: Setting) -> 
         build_options=side.build_options,
         kernels=side.kernels,
         compiled=result.compiled,
+        traced=_end_of(trace, setting),
         alone=_named(result.alone, setting),
         together=_named(result.together, setting),
         values=sum(len(record.bits) for record in trace),
@@ -136,27 +145,31 @@ def _named(answer: AnswerRecord, setting: Setting) -> AnswerRecord:
     return AnswerRecord(known, answer.t, answer.u, answer.v)
 
 
+def _end_of(trace: Sequence[Record], setting: Setting) -> AnswerRecord:
+    """The hit at the end of a trace."""
+    last = trace[-1]
+    number, *bits = last.bits[:4]
+    kinds = [value.type for value in last.stage.values[1:4]]
+    t, u, v = (value_of(*each)[0].hex() for each in zip(kinds, bits, strict=True))
+    return AnswerRecord(-1 if number == NO_HIT else setting.name_of(number), t, u, v)
+
+
 def _told(found: difference.Found, first: SideRecord, second: SideRecord) -> tuple[str, str]:
     """The kind of the finding, and a sentence."""
+    sides = (first, second)
+    labels = labels_of(*sides)
+    way = next((way for way in _WAYS if getattr(first, way) != getattr(second, way)), None)
+    answers = [getattr(side, way or "alone") for side in sides]
+    said = ", ".join(f"{label} {answer_text(each)}" for label, each in zip(labels, answers, strict=True))
     if found.first is not None:
-        return OPERATION, sentence(found.first, (first, second))
-    labels = labels_of(first, second)
-    ways = [way for way in ("alone", "together") if getattr(first, way) != getattr(second, way)]
-    if not ways:
+        so = f"; hits, {_WAYS[way]}: {said}" if way else "; the hits are the same all the same"
+        return OPERATION, sentence(found.first, sides) + so
+    if way is None:
         return NONE, f"{labels[0]} and {labels[1]} agree in all {first.values:,} values and in what they cast"
-    cast = {"alone": "casts the ray alone", "together": "casts 64 such rays together"}
-    answers = "; ".join(
-        f"{label} {_answer(getattr(side, ways[0]))}"
-        for label, side in zip(labels, (first, second), strict=True)
-    )
+    astray = [
+        label for label, side, answer in zip(labels, sides, answers, strict=True) if answer != side.traced
+    ]
     return KERNEL, (
-        f"all {first.values:,} values of the traces are equal, but cast_closest.cl, where it {cast[ways[0]]},"
-        f" gives: {answers}: it is another compilation of the same code"
+        f"the traces are equal, {first.values:,} values each, but cast_closest.cl, another compilation of the"
+        f" same code, is not: {_WAYS[way]} it gives {said}; {' and '.join(astray)} not what the trace ends with"
     )
-
-
-def _answer(answer: AnswerRecord) -> str:
-    if answer.triangle < 0:
-        return "a miss"
-    t, u, v = (float.fromhex(text) for text in (answer.t, answer.u, answer.v))
-    return f"triangle {answer.triangle}, t {t!r} ({answer.t}), u {u!r}, v {v!r}"

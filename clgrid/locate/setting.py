@@ -17,8 +17,7 @@ from clgrid.locate.stages import DOUBLE, FLOAT, LONG
 from clgrid.mesh import Mesh
 from clgrid.repro_record import ReproGrid, ReproRay
 
-# Of cl/config.h, cl/walk.h and cl/triangle_precise.h.
-_CONSTANTS = {
+CONSTANTS = {
     "START_LIMIT": (2.0, DOUBLE),
     "ENTRY_CUBE": (1.5, DOUBLE),
     "FAR": (2.0**1000, DOUBLE),
@@ -30,6 +29,7 @@ _CONSTANTS = {
     "TICKS": (2.0**54, DOUBLE),
     "MOST_TICKS": (2.0**57, DOUBLE),
 }
+"""Of cl/config.h, cl/walk.h and cl/triangle_precise.h, but for FAR."""
 
 
 def number(value: float, kind: str) -> Number | None:
@@ -61,7 +61,7 @@ class Setting:
     ) -> Setting:
         """The setting of a ray through the grid over a mesh."""
         frame = LocalFrame.of_bounds(mesh.bounds)
-        values = {**_CONSTANTS, **_of_ray(ray), **_of_frame(frame)}
+        values = {**CONSTANTS, **_of_ray(ray), **_of_frame(frame)}
         for axis, a in enumerate("xyz"):
             values[f"lower_{a}"] = planes.lower[axis], DOUBLE
             values[f"upper_{a}"] = planes.upper[axis], DOUBLE

@@ -10,7 +10,7 @@ import numpy as np
 
 from clgrid.locate.arithmetic import Number
 from clgrid.locate.stages import BOOL, DOUBLE, FLOAT, LONG, TRIANGLE
-from clgrid.repro_record import Difference, NumberRecord, SideRecord
+from clgrid.repro_record import AnswerRecord, Difference, NumberRecord, SideRecord
 
 NO_HIT = 0xFFFFFFFF
 
@@ -58,6 +58,13 @@ def ulps_between(kind: str, a: int, b: int) -> int | None:
 def cell_text(cell: int, at: tuple[int, int, int] | None) -> str:
     """A cell in words."""
     return str(cell) if at is None else f"({at[0]}, {at[1]}, {at[2]})"
+
+
+def answer_text(answer: AnswerRecord) -> str:
+    """A hit in words, every bit of it."""
+    if answer.triangle < 0:
+        return "a miss"
+    return f"triangle {answer.triangle}, t {answer.t}, u {answer.u}, v {answer.v}"
 
 
 def labels_of(first: SideRecord, second: SideRecord) -> tuple[str, str]:
