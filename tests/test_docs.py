@@ -113,6 +113,7 @@ def test_the_guide_has_a_page_for_each_task():
         "batch",
         "cast_rays",
         "devices",
+        "differences",
         "inside_tests",
         "keeping_grids",
         "large_meshes",
