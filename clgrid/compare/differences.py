@@ -60,14 +60,13 @@ def ray_differences(first: Answers, second: Answers, kind: str, accuracy: str) -
     )
 
 
-def most_ulps(
-    first: npt.NDArray[Any], second: npt.NDArray[Any], real: type[np.floating[Any]]
-) -> float:
+def most_ulps(first: npt.NDArray[Any], second: npt.NDArray[Any], real: type[np.floating[Any]]) -> float:
     """The largest difference, in last places that the larger number has as a ``real``; 0 of none."""
     a, b = first.astype(np.float64), second.astype(np.float64)
     with np.errstate(over="ignore"):
         larger = np.maximum(np.abs(a), np.abs(b)).astype(real)
-    last = np.spacing(np.where(np.isfinite(larger), larger, np.finfo(real).max)).astype(np.float64)
+    # That of the largest number of all is beyond what numpy can tell.
+    last = np.spacing(np.minimum(larger, np.finfo(real).max / 2)).astype(np.float64)
     return float((distances(a, b) / last).max(initial=0.0))
 
 
@@ -120,9 +119,7 @@ def _by_block(values: npt.NDArray[np.float64], block: int, joined: np.ufunc) -> 
     return values
 
 
-def first_ray(
-    first: Answers, second: Answers, rays: dict[str, Batch]
-) -> tuple[DifferingRay, Batch] | None:
+def first_ray(first: Answers, second: Answers, rays: dict[str, Batch]) -> tuple[DifferingRay, Batch] | None:
     """The first ray that differs, as the record tells it and alone in a batch; None if none does."""
     for kind, batch in rays.items():
         masks = ray_masks(first, second, kind)

@@ -198,4 +198,3 @@ def _record(
 def _driver(found: messages.Found | None, compute_units: int) -> DriverRecord | None:
     """What the driver says, with the compute units of the whole device."""
     return msgspec.structs.replace(found.driver, compute_units=compute_units) if found else None
-

@@ -66,7 +66,7 @@ def arithmetic(device: Device) -> list[ArithmeticRecord]:
 
 def _arithmetic_of(device: Device, name: str, real: type[np.floating[Any]], lanes: int) -> ArithmeticRecord:
     a, b = _operands(real)
-    # So that a sum that is rounded once is the error of the product, and of one rounded twice nothing is left.
+    # A sum that is rounded once is then the error of the product, and one that is rounded twice is 0.
     c = -(a * b)
     once = _product_error(a, b)
     free, strict = (_run(device, name, lanes, (a, b, c), fast=fast) for fast in (True, False))
@@ -96,7 +96,7 @@ def _operands(real: type[np.floating[Any]]) -> tuple[Reals, Reals]:
 
 
 def _product_error(a: Reals, b: Reals) -> Reals:
-    """a * b less its rounding, exactly: the halves of Dekker (1971)."""
+    """A * b less its rounding, exactly: the halves of Dekker (1971)."""
     factor = a.dtype.type(2 ** (12 if a.dtype == np.float32 else 27) + 1)
 
     def halves(x: Reals) -> tuple[Reals, Reals]:

@@ -14,13 +14,14 @@ from clgrid.compare.child import view_of
 from clgrid.compare.differences import first_ray, heat_map, image_differences, ray_differences
 from clgrid.compare.files import Folder
 from clgrid.compare.host import host_record
-from clgrid.compare.locating import Suspect, locate
+from clgrid.compare.locating import Replays
 from clgrid.compare.messages import Order, View
 from clgrid.compare.plan import Part, Plan, parts_of
 from clgrid.compare.process import Command, default_command, run
 from clgrid.compare_record import COMPLETED, CompareDevice, ComparePair, CompareRecord, CompareRow
 from clgrid.errors import ClgridError
 from clgrid.record import Failure
+from clgrid.repro_record import ReproGrid
 from clgrid.rungs import RUNGS
 from clgrid.scene import load_scene
 
@@ -34,7 +35,7 @@ def compare(
     plan: Plan,
     progress: Progress = lambda step: None,
     *,
-    replays: Path | None = None,
+    replays: Replays | None = None,
     words: Sequence[str] = (),
     command: Command = default_command,
 ) -> CompareRecord:
@@ -53,8 +54,8 @@ def compare(
         What each does.
     progress : callable
         Called with what begins.
-    replays : Path, optional
-        Folder for files that replay the first differing rays of strict rungs; without one none is written.
+    replays : Replays, optional
+        Looks into the first differing rays of strict rungs.
     words : sequence of str
         The command line, for the record.
     command : callable
@@ -127,9 +128,7 @@ def _scenes(
     return scenes, views, failures
 
 
-def _order(
-    part: Part, number: int, scenes: list[str], views: list[View], place: str, plan: Plan
-) -> Order:
+def _order(part: Part, number: int, scenes: list[str], views: list[View], place: str, plan: Plan) -> Order:
     return Order(
         selector=part.whole.label,
         units=part.units,
@@ -158,7 +157,7 @@ def _pair(
     rows: tuple[CompareRow, CompareRow],
     scene: int,
     name: str,
-    replays: Path | None,
+    replays: Replays | None,
 ) -> ComparePair:
     """Compare what two devices answer."""
     accuracy = rows[0].accuracy
@@ -174,7 +173,14 @@ def _pair(
     found = first_ray(first, second, rays)
     ray = found[0] if found else None
     if found and promised and replays is not None:
-        where, file = locate(Suspect(name, accuracy, recipe, found[1], labels), replays)
+        grid = ReproGrid(
+            layout=recipe.layout,
+            accuracy=accuracy,
+            resolution=rows[0].resolution,
+            density=recipe.density,
+            skipping=recipe.skipping,
+        )
+        where, file = replays.of(name, grid, found[1], labels)
         ray = msgspec.structs.replace(found[0], where=where, replay=file)
     rays_equal = all(kind.differing == 0 for kind in kinds)
     return ComparePair(

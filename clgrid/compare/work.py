@@ -51,9 +51,7 @@ class Stage:
     load_s: float
 
 
-def prepare(
-    order: Order, stage: Stage, device: Device, folder: Folder
-) -> tuple[Recipe, dict[str, Batch]]:
+def prepare(order: Order, stage: Stage, device: Device, folder: Folder) -> tuple[Recipe, dict[str, Batch]]:
     """The recipe and the rays of a scene: those that an earlier device left, or our own for all that follow.
 
     Raises
@@ -183,9 +181,7 @@ def _timed_cast(grid: Grid, batch: Batch, repetitions: int) -> tuple[Hits, list[
     return hits, seconds
 
 
-def _row(
-    seen: Measurement, grid: Grid, image: Image, kinds: list[CompareRays], failed: str
-) -> CompareRow:
+def _row(seen: Measurement, grid: Grid, image: Image, kinds: list[CompareRays], failed: str) -> CompareRow:
     stats, mesh = grid.stats, seen.scene.mesh
     return CompareRow(
         scene=seen.scene.name,
