@@ -112,6 +112,7 @@ def test_the_guide_has_a_page_for_each_task():
         "accuracy",
         "batch",
         "cast_rays",
+        "compare",
         "devices",
         "differences",
         "inside_tests",

@@ -25,7 +25,7 @@ Devices = Annotated[
         metavar="all|LIST",
         help="OpenCL devices, as --device of other verbs takes them, separated by commas; with /N behind,"
         " N of its compute units, which is threads on a CPU: intel,pocl-3.0,pocl-3.0/1. all: every device"
-        " but simulators and Mesa's.",
+        " but simulators and Mesa's; where that is but one, it and one of its units.",
         rich_help_panel=options.GRID,
     ),
 ]

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from clgrid import registration
 from clgrid.bench import load_timed
@@ -119,8 +120,13 @@ def camera_of(view: View) -> Camera:
 
 def view_of(camera: Camera) -> View:
     """What an order says of a camera."""
-    axes = (camera.eye, camera.right, camera.up, camera.forward)
-    return View(*(axis.tolist() for axis in axes), camera.fov, camera.fov_axis, camera.orthographic_height)
+    axes = (_three(camera.eye), _three(camera.right), _three(camera.up), _three(camera.forward))
+    return View(*axes, camera.fov, camera.fov_axis, camera.orthographic_height)
+
+
+def _three(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def _end_with_parent() -> None:

@@ -80,7 +80,7 @@ class Folder:
         arrays: Arrays = {}
         for kind, batch in batches.items():
             arrays |= {f"{kind}.o": batch.origins, f"{kind}.d": batch.directions}
-            arrays[f"{kind}.t_max"] = np.float64(batch.t_max)
+            arrays[f"{kind}.t_max"] = np.array(batch.t_max)
         own = grid.recipe
         recipe = Recipe(own.layout, own.density, own.resolution, own.skipping)
         arrays["recipe"] = np.frombuffer(msgspec.json.encode(recipe), np.uint8)

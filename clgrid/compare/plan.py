@@ -105,6 +105,8 @@ class Part:
 def parts_of(selectors: Sequence[str]) -> list[Part]:
     """The devices that are meant, each once: ``all`` are those that need not be named.
 
+    Where that is but one, it is compared with one of its compute units.
+
     Raises
     ------
     DeviceError
@@ -125,4 +127,6 @@ def parts_of(selectors: Sequence[str]) -> list[Part]:
 
 
 def _every() -> list[Part]:
-    return [Part(each) for each in describe_all() if each.implicit]
+    every = [Part(each) for each in describe_all() if each.implicit]
+    alone = len(every) == 1 and every[0].whole.compute_units > 1
+    return [*every, Part(every[0].whole, 1)] if alone else every

@@ -218,13 +218,13 @@ def grid_digests(grid: Grid) -> dict[str, str]:
     for number in range(0 if grid.empty else len(grid.standing)):
         for name, array in grid.arrays(number).items():
             called = f"{name}/{number}" if number else name
-            digests[called] = hashlib.sha256(np.ascontiguousarray(array)).hexdigest()[:16]
+            digests[called] = hashlib.sha256(array.tobytes()).hexdigest()[:16]
     return digests
 
 
 def image_digest(image: Image) -> str:
     """Of every bit of colours and ids."""
-    hashed = hashlib.sha256(np.ascontiguousarray(image.rgba))
+    hashed = hashlib.sha256(image.rgba.tobytes())
     if image.primitive_id is not None:
-        hashed.update(np.ascontiguousarray(image.primitive_id))
+        hashed.update(image.primitive_id.tobytes())
     return hashed.hexdigest()[:16]
