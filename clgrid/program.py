@@ -58,17 +58,47 @@ class Build:
     file : str
         The .cl file.
     options : tuple of str
-        The ``-D`` options compiled in.
+        The ``-D`` options compiled in, and those of ``build_options``.
+    kernels : str
+        Digest of the sources, where they are not clgrid's own (``CLGRID_KERNELS``); else empty.
     """
 
     device: Device
     file: str
     options: tuple[str, ...]
+    kernels: str = ""
 
 
 @functools.cache
 def source_folder() -> Path:
-    """Folder of the .cl and .h files: clgrid/cl when installed, the checkout's cl/ when editable."""
+    """Folder of the .cl and .h files: ``own_source_folder``, or the one that ``CLGRID_KERNELS`` names.
+
+    Raises
+    ------
+    DeviceError
+        If that holds no kernels.
+    """
+    named = os.environ.get("CLGRID_KERNELS", "")
+    if not named:
+        return own_source_folder()
+    folder = Path(named).absolute()
+    if not (folder / "config.h").is_file():
+        raise DeviceError(f"CLGRID_KERNELS is {named!r}, which holds no kernels of clgrid; unset it")
+    log.warning("kernels come from %s (CLGRID_KERNELS): clgrid promises nothing of them", folder)
+    return folder
+
+
+@functools.cache
+def build_options() -> tuple[str, ...]:
+    """What ``CLGRID_BUILD_OPTIONS`` adds to the options of every build, to try what a driver does with it."""
+    options = tuple(os.environ.get("CLGRID_BUILD_OPTIONS", "").split())
+    if options:
+        log.warning("built with %s (CLGRID_BUILD_OPTIONS): clgrid promises nothing", " ".join(options))
+    return options
+
+
+def own_source_folder() -> Path:
+    """Folder of clgrid's kernels: clgrid/cl when installed, the checkout's cl/ when editable."""
     inside = Path(__file__).parent / "cl"
     return inside if inside.is_dir() else Path(__file__).parent.parent / "cl"
 
@@ -97,7 +127,7 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
         If a macro cannot be passed to every OpenCL compiler.
     """
     kernels: dict[tuple[_Variant, str], Any] = _local.__dict__.setdefault("kernels", {})
-    variant = _Variant(device, file, _digest(file), _options(defines))
+    variant = _Variant(device, file, _digest(file), (*_options(defines), *build_options()))
     if (variant, name) not in kernels:
         with _lock:
             _check_once(device)
@@ -106,7 +136,7 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
 
 
 def source_digest(file: str) -> str:
-    """Digest of a .cl file and every file that it includes, directly or not."""
+    """Digest of a .cl file, every file that it includes, directly or not, and ``build_options``."""
     return _digest(file)
 
 
@@ -175,7 +205,8 @@ def _fetch(variant: _Variant, name: str) -> Any:
         variant.device, variant.file, variant.options, structs.declarations(), name, known
     )
     if known is None:
-        _builds.append(Build(variant.device, variant.file, variant.options))
+        foreign = variant.digest if os.environ.get("CLGRID_KERNELS") else ""
+        _builds.append(Build(variant.device, variant.file, variant.options, foreign))
     _programs[variant] = program
     return found
 
@@ -277,8 +308,8 @@ def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
 
 @functools.cache
 def _digest(file: str) -> str:
-    """Digest of ``file`` and every file that it includes, directly or not."""
-    digest = hashlib.sha256()
+    """Digest of ``file``, every file that it includes, directly or not, and ``build_options``."""
+    digest = hashlib.sha256("".join(f"{option}\0" for option in build_options()).encode())
     for path in _reachable(source_folder() / file):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
