@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -148,10 +148,12 @@ def tradeoff(
     of the rung exact, and that with rational arithmetic. Exit code 2: a rung broke its promise.
     """
     width, height = options.parse_size(size)
-    names = {"accuracies": _words(accuracy), "layouts": _words(layout)}
-    numbers = {
+    several = tuple(int(n) for n in options.parse_numbers(samples, "--samples", "1,4", whole=True))
+    swept: dict[str, Any] = {
+        "accuracies": _words(accuracy),
+        "layouts": _words(layout),
         "densities": tuple(options.parse_numbers(density, "--density", "0.5,1,2")),
-        "samples": tuple(int(n) for n in options.parse_numbers(samples, "--samples", "1,4", whole=True)),
+        "samples": several,
     }
     light = _shading(samples, seed, sun, sun_strength, sky, occlusion_rays)
     measure, error = _max_error(max_error)
@@ -163,7 +165,7 @@ def tradeoff(
     from clgrid.tradeoff import tradeoff as sweep
 
     wish = Wish(
-        measure=measure or ("rms" if len(numbers["samples"]) > 1 else "pixels"),
+        measure=measure or ("rms" if len(several) > 1 else "pixels"),
         max_error=error,
         max_time_s=options.parse_seconds(max_time, "--max-time"),
         max_memory=options.parse_bytes(max_memory),
@@ -171,7 +173,7 @@ def tradeoff(
         rebuild=rebuild,
     )
     plan = Plan(
-        **{name: given for name, given in {**names, **numbers}.items() if given},
+        **{name: given for name, given in swept.items() if given},
         shading=light,
         wish=wish,
         width=width,
