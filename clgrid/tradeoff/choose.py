@@ -136,7 +136,8 @@ def choose(
     for costs in turns.resampled(DRAWS, seed):
         found = choose_by(costs, candidates, most, least_error=least_error)
         if found is not None:
-            wins[found] += 1 / DRAWS
+            wins[found] += 1
+    wins /= DRAWS
     # What is taken keeps to the limit by all turns, too.
     kept = [row for row in range(len(wins)) if most is None or costs_of_all[row] <= most]
     ranked = sorted(kept, key=lambda row: (-wins[row], row != whole, row))

@@ -8,7 +8,6 @@ neither.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -57,14 +56,11 @@ class Turns:
     def slowness(self) -> F64:
         """(turns,) by which factor each turn was slower than the middle one."""
         logs = np.log(np.array(self.costs))
-        point, turn = np.zeros(self.points), np.zeros(len(logs))
-        with warnings.catch_warnings():
-            # A point that was never measured has no median.
-            warnings.simplefilter("ignore", RuntimeWarning)
-            for _ in range(_SWEEPS):
-                point = np.nanmedian(logs - turn[:, None], axis=0)
-                turn = np.nanmedian(logs - point, axis=1)
-                turn -= np.median(turn)
+        turn = np.zeros(len(logs))
+        for _ in range(_SWEEPS):
+            point = medians(logs - turn[:, None])
+            turn = medians((logs - point).T)
+            turn -= np.median(turn)
         slowness: F64 = np.exp(turn)
         return slowness
 
@@ -92,13 +88,15 @@ class Turns:
             rng.choice(np.flatnonzero(stages == stage), size=(count, int(np.sum(stages == stage))))
             for stage in dict.fromkeys(self.stages)
         ]
-        rows = np.concatenate(drawn, axis=1)
-        return np.stack([medians(evened[some]) for some in rows])
+        return medians(evened[np.concatenate(drawn, axis=1)])
 
 
-def medians(evened: F64) -> F64:
-    """(points,) medians over turns, of those turns that measured the point."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        found: F64 = np.nanmedian(evened, axis=0)
+def medians(values: F64) -> F64:
+    """(..., points) medians of (..., turns, points), of what is no NaN; NaN where all is."""
+    # NaN sort last. numpy's own nanmedian takes twenty times as long.
+    ranked, known = np.sort(values, axis=-2), np.isfinite(values).sum(axis=-2, keepdims=True)
+    low, high = (
+        np.take_along_axis(ranked, np.maximum(place, 0), axis=-2) for place in ((known - 1) // 2, known // 2)
+    )
+    found: F64 = ((low + high) / 2)[..., 0, :]
     return found
