@@ -295,9 +295,9 @@ def _in_exact_arithmetic(
     return found
 
 
-def _fields(grid: Grid) -> tuple[str, ...]:
+def compared_fields(rung: Rung) -> tuple[str, ...]:
     """What is compared: ``fast`` knows no error of t."""
-    return ("primitive_uvs", "t_err") if grid.rung.lossless else ("primitive_uvs",)
+    return ("primitive_uvs", "t_err") if rung.lossless else ("primitive_uvs",)
 
 
 def _inspect(
@@ -305,7 +305,7 @@ def _inspect(
 ) -> None:
     """Cast a batch and note all that is wrong with it."""
     grid, rays = tally.grid, (batch.origins, batch.directions)
-    hits, counts = grid.cast(*rays, fields=_fields(grid)), grid.count(*rays)
+    hits, counts = grid.cast(*rays, fields=compared_fields(grid.rung)), grid.count(*rays)
     tally.rays += len(batch)
     tally.hits += int(np.count_nonzero(hits.mask))
     if closed:
@@ -329,7 +329,7 @@ def _compare_with_brute_force(
     grid, first = tally.grid, slice(count)
     rays = batch.origins[first], batch.directions[first]
     options = {"device": grid.device, "accuracy": grid.accuracy}
-    truth = brute_force(grid.mesh, *rays, fields=_fields(grid), **options)  # type: ignore[arg-type]
+    truth = brute_force(grid.mesh, *rays, fields=compared_fields(grid.rung), **options)  # type: ignore[arg-type]
     number = brute_force_count(grid.mesh, *rays, **options)  # type: ignore[arg-type]
     wrong = (bit_rows(hits, first) != bit_rows(truth)).any(axis=-1)
     if grid.rung.lossless:

@@ -30,7 +30,7 @@ from clgrid.tradeoff.errors import (
 from clgrid.tradeoff.intervals import rate_most
 from clgrid.tradeoff.plan import Plan
 from clgrid.tradeoff_record import RayErrors, ReferenceCheck
-from clgrid.verify import batches, last_places, sample_of, well_inside
+from clgrid.verify import batches, compared_fields, last_places, sample_of, well_inside
 
 Clock = Callable[[], float]
 
@@ -67,7 +67,7 @@ class Reference:
     def ask(self, grid: Grid) -> None:
         """Cast all rays through a grid of the rung ``exact``."""
         for rays in self.rays:
-            hits = grid.cast(rays.origins, rays.directions, fields=("t_err",))
+            hits = grid.cast(rays.origins, rays.directions, fields=compared_fields(grid.rung))
             self.answers.append(Answers.of_hits(hits))
             self.t_err.append(hits.t_err)
 
@@ -129,7 +129,9 @@ class Reference:
         for number, rays in enumerate(self.rays):
             count = _affordable(grid, rays, seconds / len(self.rays), clock)
             cast, lines = slice(count), self.lines[number]
-            answers = Answers.of_hits(grid.cast(rays.origins[cast], rays.directions[cast], fields=()))
+            # The kernels of ``clgrid verify``, so that its answers are these.
+            fields = compared_fields(grid.rung)
+            answers = Answers.of_hits(grid.cast(rays.origins[cast], rays.directions[cast], fields=fields))
             last = last_places(grid.mesh, grid.rung, rays.directions[cast], answers.t)
             lengths = np.linalg.norm(rays.directions[cast], axis=1)
             truth, t_err = self.answers[number].at(cast), self.t_err[number][cast]
@@ -149,7 +151,7 @@ def _affordable(grid: Grid, rays: Rays, seconds: float, clock: Clock) -> int:
     if count <= _PILOT:
         return count
     start = clock()
-    grid.cast(rays.origins[:_PILOT], rays.directions[:_PILOT], fields=())
+    grid.cast(rays.origins[:_PILOT], rays.directions[:_PILOT], fields=compared_fields(grid.rung))
     each = (clock() - start) / _PILOT
     while count > _PILOT and count * each > seconds:
         count = max(count // _FEWER, _PILOT)
