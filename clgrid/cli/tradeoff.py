@@ -348,7 +348,8 @@ def _lines(result: TradeoffRecord) -> list[str]:
         f" {result.confidence:.0%}, ms, once slow turns are taken out.",
         f"pixels: of {result.rows[0].picture.pixels:,}, that show another triangle than exact. missed, false,"
         f" other: of {structured.rays:,} structured rays, against exact. t: worst along the camera's rays,"
-        " scene units.",
+        f" scene units; the longest side is {result.size:.4g}, and coordinates are rounded by at most"
+        f" {result.max_rounding:.2g} once.",
         f"exact by rational arithmetic: {check.wrong:,} wrong of {check.rays:,} rays"
         f" (a rate below {check.wrong_most:.2g}), {check.late:,} t farther off than t_err.",
     ]
@@ -356,6 +357,7 @@ def _lines(result: TradeoffRecord) -> list[str]:
     chosen = result.recommendation
     if chosen is None:
         return [*lines, f"recommended: none; {result.nearest}"]
+    lines.append(f"to count its wrong answers anew: {result.rows[chosen.row].verify}")
     return [*lines, f"recommended: {chosen.sentence} (support {chosen.support:.0%})"]
 
 

@@ -1,9 +1,9 @@
 """Which point to take: from costs, errors and bytes to one point, so that two runs take the same.
 
-Errors and bytes are the same in every run; seconds are not. So a time counts as better only by more than
-``MARGIN``, a fixed share: whether intervals overlap would depend on how noisy the run was, and with it the
-choice. Among what counts as equal a fixed order decides. The turns are then drawn anew, with replacement,
-``DRAWS`` times, and the point that follows most often is taken: an answer that hangs on one turn loses.
+Errors and bytes are the same in every run; seconds are not. So a time counts as better only by more than a
+fixed share: whether intervals overlap would depend on how noisy the run was, and with it the choice. First
+the rung is taken, then its point. The turns are then drawn anew, with replacement, ``DRAWS`` times, and the
+point that follows most often is taken: an answer that hangs on one turn loses.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ import numpy as np
 from clgrid.tradeoff.turns import F64, Turns
 
 MARGIN = 0.10
-"""Times that differ by no more than this share count as equal.
+"""Times of points of a rung that differ by no more than this share count as equal."""
+RUNG_MARGIN = 0.03
+"""The same of the fastest points of two rungs.
 
-Wider than what is left of the noise in a dozen evened turns, and where few ratios lie: ``precise`` takes
-1.02 to 1.08 of the time to image of ``robust``, ``exact`` 1.1 and more (docs/performance.md, "The accuracy
-ladder").
+Where few ratios lie: a rung that costs anything beside the next less strict one takes 1.05 of its time and
+more, one that costs nothing less than 1.02 (docs/performance.md, "The accuracy ladder").
 """
 DRAWS = 400
 
 METHOD = (
-    f"of the points that meet the need, those within {MARGIN:.0%} of the fastest count as equal, and the"
-    " first by: stricter rung, fewer bytes, simpler layout, density nearer to auto's is taken; where only a"
-    " time is asked for, the first of those that keep to it by: less error, then the same order. What follows"
-    f" from most of {DRAWS} bootstrap draws of the turns is recommended"
+    "the strictest rung of which a point that meets the need takes no more than"
+    f" {RUNG_MARGIN:.0%} longer than the fastest that does; of this rung's points within {MARGIN:.0%} of its"
+    " fastest, the one of fewest bytes, then of the simpler layout, then of the density nearer to auto's;"
+    " where only a time is asked for, of all points that keep to it the one of least error, then of the"
+    f" stricter rung, then as before. What follows from most of {DRAWS} bootstrap draws of the turns is"
+    " recommended"
 )
 
 
@@ -59,8 +62,8 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Less is preferred among equals."""
-        return (-self.strictness, self.nbytes, self.simplicity, self.off_auto)
+        """Less is preferred among equals of a rung."""
+        return (self.nbytes, self.simplicity, self.off_auto)
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,23 @@ def choose_by(
     if not rows:
         return None
     if least_error:
-        return min(rows, key=lambda row: (candidates[row].error, *candidates[row].order, row))
-    fastest = float(costs[rows].min())
-    equal = [row for row in rows if costs[row] <= fastest * (1.0 + MARGIN)]
+        return min(rows, key=lambda row: _least_error_first(candidates[row], row))
+    fastest: dict[int, float] = {}
+    for row in rows:
+        rung = candidates[row].strictness
+        fastest[rung] = min(fastest.get(rung, np.inf), float(costs[row]))
+    limit = min(fastest.values()) * (1.0 + RUNG_MARGIN)
+    rung = max(rung for rung, seconds in fastest.items() if seconds <= limit)
+    equal = [
+        row
+        for row in rows
+        if candidates[row].strictness == rung and costs[row] <= fastest[rung] * (1.0 + MARGIN)
+    ]
     return min(equal, key=lambda row: (*candidates[row].order, row))
+
+
+def _least_error_first(one: Candidate, row: int) -> tuple[float, ...]:
+    return (one.error, -one.strictness, *one.order, row)
 
 
 def choose(
@@ -120,26 +136,32 @@ def choose(
     *,
     least_error: bool = False,
     seed: int = 0,
+    among: Sequence[int] | None = None,
 ) -> Choice:
     """The point that follows from most draws of the turns; of several, the one that all turns speak for.
 
     Parameters
     ----------
     turns : Turns
+    among : sequence of int, optional
+        The points that may be taken; by default all. One that had few turns can be the fastest by chance.
     candidates, most, least_error
         As of ``choose_by``.
     seed : int
         Of the draws.
     """
-    wins, costs_of_all = np.zeros(len(candidates)), turns.medians()
+    out = np.ones(len(candidates), np.bool_)
+    out[slice(None) if among is None else list(among)] = False
+    wins, costs_of_all = np.zeros(len(candidates)), np.where(out, np.nan, turns.medians())
     whole = choose_by(costs_of_all, candidates, most, least_error=least_error)
-    for costs in turns.resampled(DRAWS, seed):
+    for costs in np.where(out, np.nan, turns.resampled(DRAWS, seed)):
         found = choose_by(costs, candidates, most, least_error=least_error)
         if found is not None:
             wins[found] += 1
     wins /= DRAWS
     # What is taken keeps to the limit by all turns, too.
-    kept = [row for row in range(len(wins)) if most is None or costs_of_all[row] <= most]
+    limit = np.inf if most is None else most
+    kept = np.flatnonzero(costs_of_all <= limit).tolist()
     ranked = sorted(kept, key=lambda row: (-wins[row], row != whole, row))
     if whole is None:
         return Choice(None, 1.0 - float(wins.sum()), None, wins)

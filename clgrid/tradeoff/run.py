@@ -159,6 +159,7 @@ def tradeoff(
         rays=plan.rays,
         confidence=intervals.CONFIDENCE,
         margin=choose.MARGIN,
+        rung_margin=choose.RUNG_MARGIN,
         methods=METHODS,
         budget_s=plan.budget_s,
         load_s=[load_s],

@@ -82,7 +82,9 @@ def below(rate: float) -> str:
 def _beside(rows: Sequence[TradeoffRow], chosen: int, wish: Wish) -> str:
     """What the fastest that is too wrong would save, or else what a stricter rung would cost."""
     row = rows[chosen]
-    mine = row.cost_s.median
+    mine, last = row.cost_s.median, max(each.turns[-1] for each in rows)
+    # Others had few turns, and may seem fast by chance.
+    rows = [each for each in rows if each.turns[-1] == last]
     faster = [each for each in rows if each.refused == ["error"] and each.cost_s.median * (1 + MARGIN) < mine]
     if faster and not wish.least_error:
         best = min(faster, key=lambda each: each.cost_s.median)
