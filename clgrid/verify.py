@@ -6,7 +6,7 @@ What a rung promises (docs/numerics.md) is checked; what it does not promise is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -21,7 +21,8 @@ from clgrid.grid import Grid, build
 from clgrid.hits import Hits
 from clgrid.mesh import Mesh
 from clgrid.rational import Crossing, Triangles, crossings
-from clgrid.rungs import ACCURACIES, LOSSLESS
+from clgrid.resolution import checked
+from clgrid.rungs import ACCURACIES, LOSSLESS, Rung
 from clgrid.scene import Scene
 from clgrid.structured import KINDS, Aim, Batch, inside_points, structured
 from clgrid.verify_record import FailedRay, VerifyRecord, VerifyRow
@@ -60,6 +61,9 @@ class Plan:
         Of the rays.
     layout, density, resolution, max_memory, skipping
         As for ``clgrid.build``.
+    aim : (int, int, int), optional
+        Resolution of the grid at whose planes and corners rays are aimed; by default that of the first rung's
+        grid. With the same seed, aim and number the rays are the same, whatever the grid.
 
     Raises
     ------
@@ -77,6 +81,7 @@ class Plan:
     resolution: tuple[int, int, int] | None = None
     max_memory: int | None = None
     skipping: bool = False
+    aim: tuple[int, int, int] | None = None
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.accuracies if name not in ACCURACIES]
@@ -85,6 +90,8 @@ class Plan:
             raise InputError(f"verify: accuracy is {wrong}; choose of {', '.join(ACCURACIES)}")
         if self.rays < 1 or min(self.check or 0, self.exact, self.seed) < 0:
             raise InputError("verify: give at least 1 ray, and no check, exact or seed below 0")
+        if self.aim is not None:
+            checked(self.aim)
 
     def build(self, mesh: Mesh, accuracy: str, device: Device) -> Grid:
         """The grid of a rung."""
@@ -209,7 +216,7 @@ def verify(
     for accuracy in plan.accuracies:
         progress(f"build {accuracy}", None)
         tallies.append(_Tally(plan.build(mesh, accuracy, device)))
-    aim = Aim.at(mesh, tallies[0].grid.stats.resolution)
+    aim = Aim.at(mesh, plan.aim or tallies[0].grid.stats.resolution)
     closed = tallies[0].grid.open_edges == 0
     points = np.zeros((0, 3))
     if closed:
@@ -218,16 +225,15 @@ def verify(
     checks, exact_checks = plan.sample(mesh.triangle_count)
     triangles = Triangles.of_mesh(mesh) if exact_checks else None
     kinds = np.zeros(len(KINDS), np.int64)
-    for number, start in enumerate(range(0, plan.rays, _BATCH)):
-        count = min(_BATCH, plan.rays - start)
-        batch = structured(aim, count, points, (plan.seed, number))
+    start = 0
+    for batch in batches(aim, points, plan.rays, plan.seed):
         kinds += np.bincount(batch.kinds, minlength=len(KINDS))
-        # Batches are in random order: the beginning of each is a sample.
-        sample, exact_sample = (-(-count * n // plan.rays) for n in (checks, exact_checks))
+        sample, exact_sample = (sample_of(batch, n, plan.rays) for n in (checks, exact_checks))
         expected = _in_exact_arithmetic(triangles, batch, exact_sample, progress)
         for tally in tallies:
             progress(f"cast {tally.grid.accuracy}", start / plan.rays)
             _inspect(tally, batch, sample, expected, closed=closed)
+        start += len(batch)
     return VerifyRecord(
         schema=record.schema("verify"),
         clgrid=record.version(),
@@ -244,6 +250,17 @@ def verify(
         rows=[tally.row(closed=closed) for tally in tallies],
         warnings=mesh.warnings,
     )
+
+
+def batches(aim: Aim, points: F64, rays: int, seed: int) -> Iterator[Batch]:
+    """The rays of a seed, some at a time, each batch in random order."""
+    for number, start in enumerate(range(0, rays, _BATCH)):
+        yield structured(aim, min(_BATCH, rays - start), points, (seed, number))
+
+
+def sample_of(batch: Batch, wanted: int, rays: int) -> int:
+    """How many of the batch's first rays are its part of a sample of all rays."""
+    return -(-len(batch) * wanted // rays)
 
 
 def well_inside(aim: Aim, device: Device, seed: int) -> F64:
@@ -278,9 +295,9 @@ def _in_exact_arithmetic(
     return found
 
 
-def _fields(grid: Grid) -> tuple[str, ...]:
+def compared_fields(rung: Rung) -> tuple[str, ...]:
     """What is compared: ``fast`` knows no error of t."""
-    return ("primitive_uvs", "t_err") if grid.rung.lossless else ("primitive_uvs",)
+    return ("primitive_uvs", "t_err") if rung.lossless else ("primitive_uvs",)
 
 
 def _inspect(
@@ -288,7 +305,7 @@ def _inspect(
 ) -> None:
     """Cast a batch and note all that is wrong with it."""
     grid, rays = tally.grid, (batch.origins, batch.directions)
-    hits, counts = grid.cast(*rays, fields=_fields(grid)), grid.count(*rays)
+    hits, counts = grid.cast(*rays, fields=compared_fields(grid.rung)), grid.count(*rays)
     tally.rays += len(batch)
     tally.hits += int(np.count_nonzero(hits.mask))
     if closed:
@@ -312,7 +329,7 @@ def _compare_with_brute_force(
     grid, first = tally.grid, slice(count)
     rays = batch.origins[first], batch.directions[first]
     options = {"device": grid.device, "accuracy": grid.accuracy}
-    truth = brute_force(grid.mesh, *rays, fields=_fields(grid), **options)  # type: ignore[arg-type]
+    truth = brute_force(grid.mesh, *rays, fields=compared_fields(grid.rung), **options)  # type: ignore[arg-type]
     number = brute_force_count(grid.mesh, *rays, **options)  # type: ignore[arg-type]
     wrong = (bit_rows(hits, first) != bit_rows(truth)).any(axis=-1)
     if grid.rung.lossless:
@@ -348,7 +365,7 @@ def _compare_with_exact(
     tally.note("wrong_ids", ~missed & (ids != nearest), batch, ids.item, nearest.item)
     tally.note("wrong_counts", counts[first] != number, batch, counts.item, number.item)
     late, exact = np.zeros(len(ids), np.bool_), [Fraction(0)] * len(ids)
-    last_place = _last_places(tally.grid, batch.directions[first], hits.t_hit[first])
+    last_place = last_places(tally.grid.mesh, tally.grid.rung, batch.directions[first], hits.t_hit[first])
     for i, line in enumerate(expected):
         at = next((crossing.t for crossing in line if crossing.id == ids[i]), None)
         if ids[i] < 0 or at is None:
@@ -363,12 +380,12 @@ def _compare_with_exact(
     tally.note("late", late, batch, _in_words(hits), lambda row: f"t {float(exact[row])!r} = {exact[row]}")
 
 
-def _last_places(grid: Grid, directions: F64, t: F64) -> F64:
+def last_places(mesh: Mesh, rung: Rung, directions: F64, t: F64) -> F64:
     """(N,) the last digit, in the rung's arithmetic, of t or of the way through the mesh, if longer."""
-    size = float((grid.mesh.bounds[1] - grid.mesh.bounds[0]).max())
+    size = float((mesh.bounds[1] - mesh.bounds[0]).max())
     with np.errstate(over="ignore"):
         way = np.maximum(np.abs(t), size / np.abs(directions).max(axis=1))
-    last: F64 = np.spacing(np.where(np.isfinite(way), way, 1.0)) * (np.finfo(grid.rung.real).eps / 2.0**-52)
+    last: F64 = np.spacing(np.where(np.isfinite(way), way, 1.0)) * (np.finfo(rung.real).eps / 2.0**-52)
     return last
 
 

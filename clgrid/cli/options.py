@@ -87,7 +87,7 @@ def parse_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def parse_resolution(text: str) -> tuple[int, int, int] | None:
+def parse_resolution(text: str, what: str = "--resolution") -> tuple[int, int, int] | None:
     """Read ``XxYxZ`` cells; the empty text is None.
 
     Raises
@@ -97,7 +97,7 @@ def parse_resolution(text: str) -> tuple[int, int, int] | None:
     """
     if not text:
         return None
-    x, y, z = _integers(text, 3, "--resolution", "128x128x64")
+    x, y, z = _integers(text, 3, what, "128x128x64")
     return x, y, z
 
 
@@ -131,6 +131,40 @@ def parse_bytes(text: str) -> int | None:
     if match is None or match[2] not in _UNITS:
         raise InputError(f"--max-memory {text!r}: give bytes, such as 1500000, 500M or 2GiB")
     return int(float(match[1]) * _UNITS[match[2]])
+
+
+def parse_seconds(text: str, what: str) -> float | None:
+    """Read ``20ms``, ``1.5s`` or seconds; the empty text is None.
+
+    Raises
+    ------
+    InputError
+        If it is no such time.
+    """
+    if not text:
+        return None
+    match = re.fullmatch(r"(\d+(?:\.\d+)?(?:e-?\d+)?)\s*(ms|s|)", text.lower())
+    if match is None:
+        raise InputError(f"{what} {text!r}: give a time, such as 20ms, 1.5s, or seconds")
+    return float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
+
+
+def parse_numbers(text: str, what: str, example: str, *, whole: bool = False) -> list[float]:
+    """Read numbers above 0, separated by commas; the empty text is none.
+
+    Raises
+    ------
+    InputError
+        If one is no such number.
+    """
+    try:
+        found = [float(part) for part in text.split(",")] if text else []
+    except ValueError:
+        found = [-1.0]
+    if not all(0 < number < float("inf") and (number == int(number) or not whole) for number in found):
+        kind = "whole numbers" if whole else "numbers"
+        raise InputError(f"{what} {text!r}: give {kind} above 0, separated by commas, such as {example}")
+    return found
 
 
 def parse_colour(text: str, what: str = "--background") -> tuple[float, float, float]:

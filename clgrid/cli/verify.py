@@ -51,6 +51,16 @@ Exact = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of the rays.", rich_help_panel=RAYS)]
+AimedAt = Annotated[
+    str,
+    typer.Option(
+        "--aim",
+        metavar="XxYxZ",
+        help="Resolution of the grid at whose planes and corners rays are aimed. Default: the first rung's.",
+        rich_help_panel=RAYS,
+        show_default=False,
+    ),
+]
 
 
 def verify(
@@ -60,6 +70,7 @@ def verify(
     check: Check = None,
     exact: Exact = 2000,
     seed: Seed = 0,
+    aim: AimedAt = "",
     layout: options.Layout = "compact",
     density: options.Density = "auto",
     resolution: options.Resolution = "",
@@ -76,6 +87,7 @@ def verify(
     """
     memory = options.parse_bytes(max_memory)
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
+    aimed_at = options.parse_resolution(aim, "--aim")
 
     from clgrid import record
     from clgrid.device import choose
@@ -95,6 +107,7 @@ def verify(
         resolution=cells,
         max_memory=memory,
         skipping=skipping,
+        aim=aimed_at,
     )
     chosen = choose(device)
     with output.progress(quiet=quiet) as show:

@@ -1,0 +1,83 @@
+"""Compile what a trade-off runs, on one triangle, so that no kernel is compiled while anything is timed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from clgrid.device import Device
+from clgrid.grid import build
+from clgrid.mesh import Mesh
+from clgrid.procedural import cube
+from clgrid.renderer import warm_up
+from clgrid.rungs import RUNGS
+from clgrid.scene import Scene
+from clgrid.structured import Aim
+from clgrid.tradeoff.survey import Easel
+from clgrid.verify import compared_fields, well_inside
+
+Progress = Callable[[str, float | None], None]
+
+
+def compile_all(easel: Easel, reference_layout: str, *, closed: bool, progress: Progress) -> list[float]:
+    """Compile all variants; the seconds of each rung and layout.
+
+    Parameters
+    ----------
+    easel : Easel
+    reference_layout : str
+        Of the grid that the reference is asked through.
+    closed : bool
+        Whether points inside of the mesh will be looked for.
+    progress : callable
+    """
+    plan, scene, device = easel.plan, easel.scene, easel.device
+    wanted = list(dict.fromkeys((point.accuracy, point.layout) for point in plan.points()))
+    wanted += [("exact", reference_layout)] if ("exact", reference_layout) not in wanted else []
+    asked: set[str] = set()
+    taken = []
+    for number, (accuracy, layout) in enumerate(wanted):
+        progress(f"compile {accuracy}, {layout}", number / len(wanted))
+        start = time.perf_counter()
+        _pictures(easel, accuracy, layout)
+        # One layout speaks for a rung that no grid changes; of exact, the reference's is asked too.
+        first = not RUNGS[accuracy].lossless or accuracy not in asked
+        if first or (accuracy, layout) == ("exact", reference_layout):
+            asked.add(accuracy)
+            _answers(scene, device, accuracy, layout)
+        taken.append(time.perf_counter() - start)
+    if closed:
+        progress("compile for points inside", None)
+        start = time.perf_counter()
+        well_inside(Aim.at(cube(), (2, 2, 2)), device, plan.seed)
+        taken.append(time.perf_counter() - start)
+    return taken
+
+
+def _pictures(easel: Easel, accuracy: str, layout: str) -> None:
+    scene, plan = easel.scene, easel.plan
+    smooth = scene.mesh.vertex_normals is not None
+    orthographic = easel.view.orthographic_height is not None
+    for samples in sorted(set(plan.samples)) or (None,):
+        shading = easel.shading(samples)
+        warm_up(
+            easel.device,
+            smooth=smooth,
+            look=scene.look if shading is not None else None,
+            shading=shading,
+            orthographic=orthographic,
+            layout=layout,
+            accuracy=accuracy,
+            density=1.0,
+        )
+
+
+def _answers(scene: Scene, device: Device, accuracy: str, layout: str) -> None:
+    smooth = scene.mesh.vertex_normals is not None
+    warm_up(device, ("id",), smooth=smooth, layout=layout, accuracy=accuracy, density=1.0)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    triangle = Mesh(corners, np.array([[0, 1, 2]], np.uint32))
+    with build(triangle, layout, 1.0, accuracy=accuracy, device=device) as grid:
+        grid.cast(np.zeros((1, 3)), np.ones((1, 3)), fields=compared_fields(grid.rung))
