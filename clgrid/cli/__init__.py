@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import clgrid
-from clgrid.cli import batch, bench, devices, info, render, verify
+from clgrid.cli import batch, bench, devices, info, render, report, verify
 from clgrid.cli.output import OutputClosedError
 from clgrid.errors import ClgridError
 
@@ -32,6 +32,7 @@ app.command()(batch.batch)
 app.command()(bench.bench)
 app.command()(info.info)
 app.command()(verify.verify)
+app.command()(report.report)
 app.command()(devices.devices)
 app.command()(devices.doctor)
 
