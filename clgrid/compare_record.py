@@ -86,8 +86,8 @@ class ArithmeticRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     quotient_ulps, root_ulps : int
         The largest difference to that, in last places.
     contracted, contracted_when_forbidden : str
-        Whether ``a * b + c`` is rounded once: ``never``, ``always``, ``partly`` or ``wrong`` (neither once nor
-        twice); without and with ``#pragma OPENCL FP_CONTRACT OFF``.
+        Whether ``a * b + c`` is rounded once: ``never``, ``always``, ``partly`` or ``wrong`` (neither once
+        nor twice); without and with ``#pragma OPENCL FP_CONTRACT OFF``.
     mad, fma : str
         Likewise, of these functions.
     denormals_read, denormals_made : str
@@ -181,6 +181,9 @@ class CompareRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Pixels that show the mesh.
     image_digest : str
         Of every bit of colours and ids.
+    self_test : str
+        What the device fails in the self-test of the rung, which other verbs therefore refuse; empty if
+        nothing.
     """
 
     scene: str
@@ -206,6 +209,7 @@ class CompareRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     render_s: list[float]
     image_hits: int
     image_digest: str
+    self_test: str
     warnings: tuple[str, ...] = ()
 
 

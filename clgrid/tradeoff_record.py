@@ -119,7 +119,8 @@ class TradeoffRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     peak_bytes : int
         Most device bytes that the build held at once.
     turns : list of int
-        The turn of each repetition: points of one turn were measured one after another.
+        The turn of each repetition, a number in the record's ``slowness``: points of one turn were measured
+        one after another.
     cost_s : Spread
         Seconds of a picture in the need's number of frames, once slow turns are taken out.
     errors : list of RayErrors
@@ -278,6 +279,9 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     spent_s : dict of str to list of float
         Seconds of each part of the run.
     left_out : list of LeftOut
+    slowness : list of float
+        By which factor each turn was slower than the middle one: a repetition's seconds over that of its turn
+        are as if all turns had been alike.
     front : list of int
         Numbers of rows, by cost.
     recommendation : Recommendation or None
@@ -312,6 +316,7 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     rows: list[TradeoffRow]
     left_out: list[LeftOut]
     reference: ReferenceCheck
+    slowness: list[float]
     front: list[int]
     recommendation: Recommendation | None
     nearest: str

@@ -50,6 +50,7 @@ from clgrid.tradeoff_record import (
 from clgrid.verify_record import FailedRay, VerifyRecord, VerifyRow
 
 UNTRUSTED = "</script><img src=x onerror=alert(1)>\"'&.ply"
+ROW_ONLY = Failure("s", "e")
 INTEL = DeviceRecord("AMD EPYC", "2026.22", "Intel(R) OpenCL")
 POCL = DeviceRecord("pthread-AMD EPYC", "3.0-rc2", "Portable Computing Language")
 
@@ -223,7 +224,7 @@ def _work(accuracy: str, slower: float) -> CompareRow:
         first_compile_s=[1.5],
         build_s=times(0.2 * slower), build_stages_s={"count": times(0.1 * slower)},
         grid_digests={"cells": "cd"},
-        kinds=kinds, render_s=times(0.3 * slower), image_hits=123_456, image_digest="ef",
+        kinds=kinds, render_s=times(0.3 * slower), image_hits=123_456, image_digest="ef", self_test="",
     )  # fmt: skip
 
 
@@ -294,6 +295,7 @@ def tradeoff() -> TradeoffRecord:
         rows=rows,
         left_out=[LeftOut(accuracy="exact", layout="compact", density=32.0, samples=None, reason="large")],
         reference=ReferenceCheck(asked=2000, rays=2000, wrong=0, wrong_most=0.0015, late=0, rational_s=[9.0]),
+        slowness=[1.0] * 5,
         front=[5, 11],
         recommendation=Recommendation(
             row=11, support=0.98, rival=10, sentence="Take robust, nested, density 4.", proven=True

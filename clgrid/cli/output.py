@@ -36,6 +36,11 @@ def emit(text: str) -> None:
         raise OutputClosedError from error
 
 
+def words() -> tuple[str, ...]:
+    """Return the words of this command line, as a record says how to repeat it."""
+    return "clgrid", *sys.argv[1:]
+
+
 def warn(messages: Iterable[str], *, quiet: bool) -> None:
     """Write warnings to stderr, a line each."""
     for message in () if quiet else messages:

@@ -69,13 +69,14 @@ def report(
     if len(records) < 2 and (threshold is not None or unknown_noise is not None):
         option = "threshold" if threshold is not None else "unknown-noise"
         raise InputError(f"report: --{option} belongs to two records; give another")
-    report_files.check_files(html, csv, plot)
+    wanted = report_files.Files(html, csv, plot)
+    wanted.check()
 
     from clgrid.report.read import read
 
     runs = [read(path) for path in records]
     if len(runs) == 1:
-        return _one(runs[0], html, csv, plot, json=json, quiet=quiet)
+        return _one(runs[0], wanted, json=json, quiet=quiet)
 
     from clgrid.report import csvfile, difference, files
     from clgrid.report.pages.difference import page
@@ -86,8 +87,7 @@ def report(
         threshold=_share(threshold, "--threshold", difference.THRESHOLD),
         unknown=_share(unknown_noise, "--unknown-noise", difference.UNKNOWN),
     )
-    if html is not None or plot is not None:
-        report_files.write_page(page(result), html, plot)
+    wanted.write_page(page(result))
     if csv is not None:
         files.save_text(csv, "--csv", csvfile.of_difference(result))
     if json:
@@ -99,8 +99,8 @@ def report(
     return _judge(result)
 
 
-def _one(run: Run, html: Path | None, csv: Path | None, plot: Path | None, *, json: bool, quiet: bool) -> int:
-    report_files.write_files(run.record, html, csv, plot)
+def _one(run: Run, wanted: report_files.Files, *, json: bool, quiet: bool) -> int:
+    wanted.write(run.record)
     if json:
         from clgrid.record import encode
 

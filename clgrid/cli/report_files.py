@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,69 +47,73 @@ Plot = Annotated[
 ]
 
 
-def check_files(html: Path | None, csv: Path | None, plot: Path | None) -> None:
-    """Find out before the work whether the files could be written.
+@dataclass(frozen=True)
+class Files:
+    """The files asked for; None is not written."""
 
-    Raises
-    ------
-    InputError
-        If a folder is missing, or a plot's format is unknown.
-    UnsupportedError
-        If there is no matplotlib for the plot.
-    """
-    if html is None and csv is None and plot is None:
-        return
-    from clgrid.report import files
+    html: Path | None = None
+    csv: Path | None = None
+    plot: Path | None = None
 
-    for path, option in ((html, "--html"), (csv, "--csv")):
-        if path is not None:
-            files.check(path, option)
-    if plot is not None:
-        files.check_plot(plot)
+    def __bool__(self) -> bool:
+        return (self.html, self.csv, self.plot) != (None, None, None)
 
+    def check(self) -> None:
+        """Find out before the work whether the files could be written.
 
-def write_files(
-    record: Header,
-    html: Path | None,
-    csv: Path | None,
-    plot: Path | None,
-    command: Sequence[str] = (),
-) -> None:
-    """Write a record to the files asked for.
+        Raises
+        ------
+        InputError
+            If a folder is missing, or a plot's format is unknown.
+        UnsupportedError
+            If there is no matplotlib for the plot.
+        """
+        if not self:
+            return
+        from clgrid.report import files
 
-    Parameters
-    ----------
-    command : sequence of str
-        Words of the command line that repeats it, where the record does not say them.
+        for path, option in ((self.html, "--html"), (self.csv, "--csv")):
+            if path is not None:
+                files.check(path, option)
+        if self.plot is not None:
+            files.check_plot(self.plot)
 
-    Raises
-    ------
-    InputError
-        If one cannot be written.
-    """
-    if html is None and csv is None and plot is None:
-        return
-    from clgrid.report import csvfile, files
-    from clgrid.report.pages import page
-    from clgrid.report.pages.shared import command_line
-    from clgrid.report.read import Run
+    def write(self, record: Header, words: Sequence[str] = ()) -> None:
+        """Write a record.
 
-    run = Run.of(record, record.schema)
-    if csv is not None:
-        files.save_text(csv, "--csv", csvfile.of_run(run))
-    if html is not None or plot is not None:
-        write_page(page(run, [command_line(command)] if command else []), html, plot)
+        Parameters
+        ----------
+        words : sequence of str
+            Of the command line that repeats it, where the record does not say them.
 
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        if not self:
+            return
+        from clgrid.report import csvfile, files
+        from clgrid.report.pages import page
+        from clgrid.report.pages.shared import command_line
+        from clgrid.report.read import Run
 
-def write_page(page: Page, html: Path | None, plot: Path | None) -> None:
-    """Write a page as HTML and as a picture of its plots, if asked for."""
-    from clgrid.report import files
+        run = Run.of(record, record.schema)
+        if self.csv is not None:
+            files.save_text(self.csv, "--csv", csvfile.of_run(run))
+        self.write_page(page(run, [command_line(words)] if words else []))
 
-    if html is not None:
-        from clgrid.report.html import html as written
+    def write_page(self, page: Page) -> None:
+        """Write a page as HTML and as a picture of its plots, if they are asked for."""
+        if self.html is None and self.plot is None:
+            return
+        from clgrid.report import files
 
-        files.save_text(html, "--html", written(page))
-    if plot is not None:
-        from clgrid.report.plot import draw
+        if self.html is not None:
+            from clgrid.report.html import html
 
-        files.save(plot, "--plot", lambda partial: draw(page, partial))
+            files.save_text(self.html, "--html", html(page))
+        if self.plot is not None:
+            from clgrid.report.plot import draw
+
+            files.save(self.plot, "--plot", lambda partial: draw(page, partial))

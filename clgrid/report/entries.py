@@ -147,7 +147,13 @@ def _tradeoff(document: Mapping[str, Any]) -> Iterator[Entry]:
     more = {name: document[name] for name in above}
     names = "scene triangles width height accuracy layout density samples kind reference clock"
     for number, row in enumerate(document["rows"]):
-        yield _entry({**more, **row}, names, "resolution")
+        # As if all turns of the run had been alike.
+        slowness = [document["slowness"][turn] for turn in row["turns"]]
+        evened = {
+            name: [second / slow for second, slow in zip(row[name], slowness, strict=True)]
+            for name in ("build_s", "render_s", "time_to_image_s")
+        }
+        yield _entry({**more, **row, **evened}, names, "resolution")
         point = {name: row[name] for name in ("accuracy", "layout", "density", "samples")}
         # The rows that share a measurement would say the same of it several times.
         if row["errors_of"] == number:

@@ -29,6 +29,8 @@ from clgrid.report.model import (
     cell,
 )
 
+# Rows beyond which a table scrolls by itself, below its headings; letters of texts that are not broken.
+_TALL, _SHORT = 24, 24
 _HERE = Path(__file__).parent
 
 
@@ -99,20 +101,23 @@ def _block(block: Block, name: str) -> str:
 def _table(table: Table, name: str) -> str:
     scales = [scale(table, k) for k in range(len(table.columns))]
     heads = "".join(_head(column, unit.name) for column, unit in zip(table.columns, scales, strict=True))
+    kind = "box tall" if len(table.rows) > _TALL else "box"
     rows = []
     for number, row in enumerate(table.rows):
         mark = table.marks.get(number, "")
         cells = []
         for column, value, unit in zip(table.columns, row, scales, strict=True):
             each = cell(value)
-            kinds = " ".join(filter(None, ("n" if column.quantity else "", each.mark)))
+            text = shown(column, each, unit)
+            wraps = "n" if column.quantity else "s" if len(text) <= _SHORT else ""
+            kinds = " ".join(filter(None, (wraps, each.mark)))
             sorts = "" if each.value is None else f' data-v="{escape(str(each.value))}"'
             note = f' title="{escape(each.note)}"' if each.note else ""
             kinds = f' class="{kinds}"' if kinds else ""
-            cells.append(f"<td{kinds}{sorts}{note}>{escape(shown(column, each, unit))}</td>")
+            cells.append(f"<td{kinds}{sorts}{note}>{escape(text)}</td>")
         rows.append(f"<tr{f' class={chr(34)}{mark}{chr(34)}' if mark else ''}>{''.join(cells)}</tr>\n")
     return (
-        f'<div class="box" tabindex="0" role="region" aria-labelledby="{name}">\n<table>\n'
+        f'<div class="{kind}" tabindex="0" role="region" aria-labelledby="{name}">\n<table>\n'
         f"<thead><tr>{heads}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody>\n</table>\n</div>\n"
     )
 

@@ -22,6 +22,12 @@ for (const table of document.querySelectorAll("table")) {
   }));
 }
 
+// What is recommended is in view.
+for (const row of document.querySelectorAll(".tall tr.chosen")) {
+  const box = row.closest(".box");
+  box.scrollTop = row.offsetTop - box.clientHeight / 2;
+}
+
 // Plots show what they hold where the pointer is near, and to the arrow keys: one stop of the tab key a plot.
 const hint = document.getElementById("hint");
 let shown = null;

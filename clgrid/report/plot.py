@@ -10,9 +10,9 @@ import numpy as np
 
 from clgrid.errors import UnsupportedError
 from clgrid.report.heat import palette
-from clgrid.report.model import BAD, CHOSEN, GOOD, HeatMap, Page, Point, Ranges, Scatter
+from clgrid.report.model import BAD, CHOSEN, GOOD, HeatMap, Page, Ranges, Scatter
 from clgrid.report.scales import Scale
-from clgrid.report.svg import front_of, names
+from clgrid.report.svg import front_of, names, seen
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#b0578d", "#8a7400", "#5b6472")
 _SHAPES = "os^DvP"
@@ -86,7 +86,7 @@ def _plain(text: str) -> str:
 def _scatter(axes: Any, scatter: Scatter) -> None:
     points = scatter.points
     x, y = (
-        Scale(axis, [value for point in points for value in _seen(point, along)], 0.0, 1.0, 0.07)
+        Scale(axis, [*seen(points, along)], 0.0, 1.0, 0.07)
         for axis, along in ((scatter.x, "x"), (scatter.y, "y"))
     )
     series, kinds = names(point.series for point in points), names(point.kind for point in points)
@@ -95,11 +95,11 @@ def _scatter(axes: Any, scatter: Scatter) -> None:
         shape = _SHAPES[kinds.index(point.kind) % len(_SHAPES)]
         place = x(point.x), y(point.y)
         whiskers: dict[str, Any] = {"color": "#888888", "linewidth": 0.8, "zorder": 1}
-        if point.x_range is not None:
-            axes.plot([x(value) for value in point.x_range], [place[1]] * 2, **whiskers)
-        if point.y_range is not None:
-            axes.plot([place[0]] * 2, [y(value) for value in point.y_range], **whiskers)
         strong = point.mark in (GOOD, CHOSEN)
+        if strong and point.x_range is not None:
+            axes.plot([x(value) for value in point.x_range], [place[1]] * 2, **whiskers)
+        if strong and point.y_range is not None:
+            axes.plot([place[0]] * 2, [y(value) for value in point.y_range], **whiskers)
         axes.plot(*place, shape, color=colour, markersize=6, alpha=1.0 if strong else 0.4, zorder=3)
         if point.mark == CHOSEN:
             axes.plot(*place, "o", markersize=14, markerfacecolor="none", markeredgecolor="black", zorder=4)
@@ -117,17 +117,12 @@ def _scatter(axes: Any, scatter: Scatter) -> None:
     _keys(axes, series, kinds)
 
 
-def _seen(point: Point, along: str) -> tuple[float, ...]:
-    around: tuple[float, float] | None = getattr(point, f"{along}_range")
-    return (getattr(point, along), *(around or ()))
-
-
 def _ranges(axes: Any, ranges: Ranges) -> None:
     rows = ranges.rows
-    seen = [value for row in rows for value in (row.low, row.value, row.high)]
-    seen += [] if ranges.zero is None else [ranges.zero]
-    seen += [] if ranges.band is None else [*ranges.band]
-    x = Scale(ranges.axis, seen, 0.0, 1.0, 0.07)
+    values = [value for row in rows for value in (row.low, row.value, row.high)]
+    values += [] if ranges.zero is None else [ranges.zero]
+    values += [] if ranges.band is None else [*ranges.band]
+    x = Scale(ranges.axis, values, 0.0, 1.0, 0.07)
     if ranges.band is not None:
         axes.axvspan(*map(x, ranges.band), color="#eceff2", zorder=0)
     if ranges.zero is not None:

@@ -24,9 +24,9 @@ def scatter_svg(scatter: Scatter, size: tuple[int, int], name: str) -> str:
     right, top, bottom = width - 16, 40, height - 50
     # Zeros of several series would hide one another.
     still = names(point.series for point in points if not point.y) if scatter.y.log else []
-    y = Scale(scatter.y, [*_values((p.y, p.y_range) for p in points)], bottom, top, 16 + 14 * len(still))
+    y = Scale(scatter.y, [*seen(points, "y")], bottom, top, 16 + 14 * len(still))
     left = 18 + round(6.8 * max((len(scatter.y.quantity.text(value)) for value in y.ticks(7)), default=1))
-    x = Scale(scatter.x, [*_values((p.x, p.x_range) for p in points)], left, right)
+    x = Scale(scatter.x, [*seen(points, "x")], left, right)
     parts = [*_grid_x(x, top, bottom, 5 if narrow else 9), *_grid_y(y, left, right, 7)]
     parts += [_title(scatter.x, (left + right) / 2, height - 10, "middle"), _title(scatter.y, 4, 22, "start")]
     places = [
@@ -56,10 +56,10 @@ def ranges_svg(ranges: Ranges, size: tuple[int, int], name: str) -> str:
     top = 8.0
     height = top + step * len(ranges.rows) + 52
     left = 16.0 if narrow else min(400.0, 24 + 7.6 * max(len(row.label) for row in ranges.rows))
-    seen = [value for row in ranges.rows for value in (row.low, row.value, row.high)]
-    seen += [] if ranges.zero is None else [ranges.zero]
-    seen += [] if ranges.band is None else list(ranges.band)
-    x = Scale(ranges.axis, seen, left, width - 22)
+    values = [value for row in ranges.rows for value in (row.low, row.value, row.high)]
+    values += [] if ranges.zero is None else [ranges.zero]
+    values += [] if ranges.band is None else list(ranges.band)
+    x = Scale(ranges.axis, values, left, width - 22)
     bottom = height - 50
     parts = []
     if ranges.band is not None:
@@ -116,10 +116,11 @@ def names(values: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(values))
 
 
-def _values(pairs: Iterable[tuple[float, tuple[float, float] | None]]) -> Iterable[float]:
-    for value, around in pairs:
-        yield value
-        yield from around or ()
+def seen(points: Iterable[Point], along: str) -> Iterable[float]:
+    """What axes must reach: all values, and the whiskers that are always there."""
+    for point in points:
+        around = getattr(point, f"{along}_range") if point.mark in (GOOD, CHOSEN) else None
+        yield from (getattr(point, along), *(around or ()))
 
 
 def _svg(parts: Iterable[str], size: tuple[int, int], title: str, name: str, more: str = "") -> str:
@@ -167,15 +168,15 @@ def _front(front: Sequence[tuple[float, float]], top: float, right: float) -> st
 def _point(point: Point, place: tuple[float, float], x: Scale, y: Scale, colour: int, shape: int) -> str:
     across, down = place
     parts = []
+    faint = "" if point.mark in (GOOD, CHOSEN) else " faint"
     if point.x_range is not None:
         low, high = map(x, point.x_range)
-        parts.append(f'<path class="whisker" d="M{low:.1f} {down:.1f}H{high:.1f}"/>')
+        parts.append(f'<path class="whisker{faint}" d="M{low:.1f} {down:.1f}H{high:.1f}"/>')
     if point.y_range is not None:
         low, high = map(y, point.y_range)
-        parts.append(f'<path class="whisker" d="M{across:.1f} {low:.1f}V{high:.1f}"/>')
+        parts.append(f'<path class="whisker{faint}" d="M{across:.1f} {low:.1f}V{high:.1f}"/>')
     if point.mark == CHOSEN:
         parts.append(f'<circle class="ring" cx="{across:.1f}" cy="{down:.1f}" r="10.5"/>')
-    faint = "" if point.mark in (GOOD, CHOSEN) else " faint"
     parts.append(_mark(shape, colour, across, down, faint))
     return _target("".join(parts), across, down, point.label, point.facts)
 

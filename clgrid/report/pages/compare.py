@@ -134,6 +134,11 @@ def _warnings(record: CompareRecord) -> list[str]:
         found += [
             f"{device.label}: {named(row.scene)}: {text}" for row in device.rows for text in row.warnings
         ]
+        found += [
+            f"{device.label} fails the self-test of {row.accuracy}: {row.self_test}"
+            for row in device.rows
+            if row.self_test
+        ]
     return [*dict.fromkeys(found)]
 
 

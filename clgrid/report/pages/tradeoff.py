@@ -73,7 +73,7 @@ def _says(record: TradeoffRecord) -> list[str]:
         says.append(chosen.sentence)
         support = f"The same point follows from {PERCENT.text(chosen.support)} of the resampled measurements"
         if chosen.rival is not None:
-            support += f"; most of the others recommend {label(record.rows[chosen.rival])}"
+            support += f", {label(record.rows[chosen.rival])} from most of the others"
         says.append(f"{support}.")
     says += _price(record)
     check = record.reference
@@ -113,7 +113,8 @@ def _need(record: TradeoffRecord) -> str:
     name, quantity = measure(record)
     parts = []
     if need.max_error is not None:
-        parts.append(f"at most {quantity.text(need.max_error)} {name}")
+        most = f"at most {quantity.text(need.max_error)}" if need.max_error else "no"
+        parts.append(f"{most} {name}")
     if need.max_time_s is not None:
         parts.append(f"at most {SECONDS.text(need.max_time_s)} a picture")
     if need.max_memory is not None:
@@ -122,7 +123,10 @@ def _need(record: TradeoffRecord) -> str:
     frames = "one picture" if need.frames == 1 else f"{need.frames:,} pictures, {every}"
     asked = "The need, as stated" if need.stated else "No need was stated; assumed"
     limits = f": {', '.join(parts)}" if parts else ""
-    return f"{asked}: {frames}{limits}. Time is that of a picture, its share of the build included."
+    return (
+        f"{asked}: {frames}{limits}. Time is that of a picture, its share of the build included; times that"
+        f" differ by no more than {record.margin:.0%} count as equal."
+    )
 
 
 def _errors_text(record: TradeoffRecord) -> str:
@@ -142,8 +146,8 @@ def _plots(record: TradeoffRecord) -> list[Block]:
     error = Axis(name, quantity)
     time = Axis("time of a picture", SECONDS)
     note = (
-        "Whiskers: the band of the median time; upwards, to the upper bound of the error. What is on the"
-        " front of time, error and bytes is opaque."
+        "What is on the front of time, error and bytes is opaque, with whiskers: the band of the median time,"
+        " and upwards to the upper bound of the error."
     )
     rows = [(k, row) for k, row in enumerate(record.rows) if row.error is not None]
     return [
@@ -177,8 +181,8 @@ def _point(record: TradeoffRecord, number: int, row: TradeoffRow, error: bool) -
         mark=CHOSEN if chosen else GOOD if row.on_front else "",
         facts=(
             ("time", f"{SECONDS.text(cost.median)} ({SECONDS.text(cost.low)} to {SECONDS.text(cost.high)})"),
-            ("build", SECONDS.text(median(row.build_s))),
-            ("render", SECONDS.text(median(row.render_s))),
+            ("build", SECONDS.text(median(tables.evened(record, row, row.build_s)))),
+            ("render", SECONDS.text(median(tables.evened(record, row, row.render_s)))),
             ("error", wrong),
             ("grid", BYTES.text(row.grid_bytes)),
             ("resolution", " x ".join(map(str, row.resolution))),

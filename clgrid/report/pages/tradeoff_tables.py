@@ -51,8 +51,8 @@ def points(record: TradeoffRecord) -> Table:
                 Cell(row.density, note=" x ".join(map(str, row.resolution))),
                 *([row.samples] if sampled else []),
                 time,
-                timed(row.build_s),
-                timed(row.render_s),
+                timed(evened(record, row, row.build_s)),
+                timed(evened(record, row, row.render_s)),
                 row.grid_bytes,
                 row.bytes_per_triangle,
                 row.picture.other_triangles,
@@ -66,9 +66,14 @@ def points(record: TradeoffRecord) -> Table:
             marks[place] = GOOD
     note = (
         f"★ recommended. ● on the front: no other point is as good in time, error and bytes and better in"
-        f" one. Times are medians of {_repetitions(record.rows)}."
+        f" one. Times are medians of {_repetitions(record.rows)}, once slow turns are taken out."
     )
     return Table("Points", columns, cells, marks, note)
+
+
+def evened(record: TradeoffRecord, row: TradeoffRow, times: Sequence[float]) -> list[float]:
+    """Return times as if all turns of the run had been alike."""
+    return [second / record.slowness[turn] for second, turn in zip(times, row.turns, strict=True)]
 
 
 def _repetitions(rows: Sequence[TradeoffRow]) -> str:
@@ -114,13 +119,14 @@ def errors(record: TradeoffRecord) -> list[Block]:
         [[*_point(row, each)[:-1], *_distances(each)] for row, each in own if each.distance is not None],
         note=f"Units in the last place of float32 on fast and robust, else of float64. {units}.",
     )
+    sampled = any(row.samples is not None for row in record.rows)
     pictures = Table(
         "Pictures",
         (
             Column("rung"),
             Column("layout"),
             Column("density", NUMBER),
-            Column("samples", COUNT, "rays a pixel; - for a plain picture"),
+            *([Column("samples", COUNT, "rays a pixel; - for a plain picture")] if sampled else []),
             Column("other pixels", COUNT, "that show another triangle"),
             Column("share", PERCENT),
             Column("at most", PERCENT),
@@ -133,7 +139,7 @@ def errors(record: TradeoffRecord) -> list[Block]:
                 row.accuracy,
                 row.layout,
                 row.density,
-                row.samples,
+                *([row.samples] if sampled else []),
                 Cell(row.picture.other_triangles, of(row.picture.other_triangles, row.picture.pixels)),
                 row.picture.other_share,
                 row.picture.other_share_most,
