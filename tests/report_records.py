@@ -64,7 +64,7 @@ def times(middle: float, count: int = 5, seed: int = 0) -> list[float]:
 def header(verb: str, device: DeviceRecord = INTEL) -> dict[str, object]:
     return {
         "schema": schema(verb), "clgrid": "0.1.0", "device": device, "compiled": ("render.cl -DX=1",),
-        "seeds": {"rays": 3},
+        "seeds": {"rays": 3}, "command": ("clgrid", verb, UNTRUSTED),
     }  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def compare(differing: int = 0) -> CompareRecord:
     devices = [_device("intel", INTEL, 1.0), _device("pocl-3.0", POCL, 1.7), _crashed()]
     pairs = [_pair("robust", differing, True), _pair("fast", 17, False)]
     return CompareRecord(
-        **header("compare"), command=("clgrid", "compare", UNTRUSTED, "--devices", "all"),
+        **header("compare"),
         host=HostRecord(
             processor="AMD EPYC", cores=2, system="Linux 6.1", memory=24 << 30,
             versions={"Python": "3.11.7"}

@@ -166,7 +166,7 @@ def test_exit_code_2_is_a_regression_and_nothing_else(run: Any) -> None:
     code, out, err = run("a.json", "b.json")
     assert code == 2
     assert "1 regression beyond noise" in out
-    assert re.fullmatch(r"clgrid: error: b\.json is worse than a\.json: .*: render_s 2×\n", err)
+    assert re.fullmatch(r"clgrid: error: b\.json is worse than a\.json: .*: render 2×\n", err)
     assert run("b.json", "a.json")[0] == 0
     assert run("a.json", "a.json")[0] == 0
     assert run("a.json", "b.json", "--threshold", "150%", "-q") == (0, "", "")

@@ -28,7 +28,7 @@ DRAWN = {"path", "circle"}
 
 
 def pages() -> dict[str, Page]:
-    found = {name: page(Run.of(record, name), ["clgrid x"]) for name, record in made.every().items()}
+    found = {name: page(Run.of(record, name)) for name, record in made.every().items()}
     slow = made.row(render_s=made.times(0.9, 5, 7), hits=5)
     runs = [Run.of(record, f"{made.UNTRUSTED}.json") for record in (made.bench(), made.bench(slow))]
     return {**found, "difference": difference.page(compare(*runs))}

@@ -167,7 +167,8 @@ class _Show:
     def result(self, result: BenchRecord | WorkloadRecord | FramesRecord, table: Callable[[], Table]) -> None:
         from clgrid import record
 
-        self.files.write(result, output.words())
+        result = output.signed(result)
+        self.files.write(result)
         if self.json:
             output.emit(record.encode(result))
         elif not self.quiet and result.rows:

@@ -114,7 +114,7 @@ def _one(run: Run, wanted: report_files.Files, *, json: bool, quiet: bool) -> in
 
 def _judge(result: DifferenceRecord) -> int:
     from clgrid.report.difference import regressions
-    from clgrid.report.pages.difference import said
+    from clgrid.report.pages.difference import said, words
 
     worse = regressions(result)
     if not worse:
@@ -122,8 +122,8 @@ def _judge(result: DifferenceRecord) -> int:
     first = worse[0]
     more = f" and {len(worse) - 1} more" if len(worse) > 1 else ""
     typer.echo(
-        f"clgrid: error: {result.second.file} is worse than {result.first.file}: {first.row}: {first.field}"
-        f" {said(first)}{more}",
+        f"clgrid: error: {result.second.file} is worse than {result.first.file}: {first.row}:"
+        f" {words(first.field)} {said(first)}{more}",
         err=True,
     )
     return 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -78,13 +77,8 @@ class Files:
         if self.plot is not None:
             files.check_plot(self.plot)
 
-    def write(self, record: Header, words: Sequence[str] = ()) -> None:
+    def write(self, record: Header) -> None:
         """Write a record.
-
-        Parameters
-        ----------
-        words : sequence of str
-            Of the command line that repeats it, where the record does not say them.
 
         Raises
         ------
@@ -95,13 +89,12 @@ class Files:
             return
         from clgrid.report import csvfile, files
         from clgrid.report.pages import page
-        from clgrid.report.pages.shared import command_line
         from clgrid.report.read import Run
 
         run = Run.of(record, record.schema)
         if self.csv is not None:
             files.save_text(self.csv, "--csv", csvfile.of_run(run))
-        self.write_page(page(run, [command_line(words)] if words else []))
+        self.write_page(page(run))
 
     def write_page(self, page: Page) -> None:
         """Write a page as HTML and as a picture of its plots, if they are asked for."""

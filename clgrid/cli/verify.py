@@ -107,8 +107,8 @@ def verify(
         say(f"load {scene}", None)
         loaded = load_scene(scene)
         output.warn(loaded.mesh.warnings, quiet=quiet)
-        result = examine(loaded, plan, chosen, say)
-    files.write(result, output.words())
+        result = output.signed(examine(loaded, plan, chosen, say))
+    files.write(result)
     if json:
         output.emit(record.encode(result))
     elif not quiet:

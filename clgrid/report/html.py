@@ -136,7 +136,7 @@ def _scatter(scatter: Scatter, name: str) -> str:
     marks = [point.mark for point in points]
     front = sum(mark in (GOOD, CHOSEN) for mark in marks) > 1
     key = svg.legend(
-        svg.names(point.series for point in points),
+        [(name, k) for k, name in enumerate(svg.names(point.series for point in points))],
         svg.names(point.kind for point in points),
         front,
         CHOSEN in marks,
@@ -149,7 +149,9 @@ def _scatter(scatter: Scatter, name: str) -> str:
 def _ranges(ranges: Ranges, name: str) -> str:
     if not ranges.rows:
         return "<p>Nothing to show.</p>\n"
-    key = svg.legend(svg.names(row.series for row in ranges.rows), (), False, False)
+    series = svg.names(row.series for row in ranges.rows)
+    colours = {row.series: svg.colour_of(row, series) for row in ranges.rows}
+    key = svg.legend([*colours.items()])
     return _both(
         svg.ranges_svg(ranges, svg.WIDE, f"{name}w"), svg.ranges_svg(ranges, svg.NARROW, f"{name}n"), key
     )

@@ -96,7 +96,10 @@ def _varying(entries: Sequence[Entry]) -> set[str]:
     for entry in entries:
         for name, value in entry.names.items():
             values.setdefault(name, set()).add(value)
-    return {name for name, found in values.items() if len(found) > 1}
+    varying = {name for name, found in values.items() if len(found) > 1}
+    # The number of triangles is said where the scene does not tell it.
+    known = {(entry.names.get("scene"), entry.names.get("triangles")) for entry in entries}
+    return varying - ({"triangles"} if len(known) == len({scene for scene, _ in known}) else set())
 
 
 def _label(entry: Entry, used: Sequence[str], varying: set[str], key: Key) -> str:

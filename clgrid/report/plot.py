@@ -12,7 +12,7 @@ from clgrid.errors import UnsupportedError
 from clgrid.report.heat import palette
 from clgrid.report.model import BAD, CHOSEN, GOOD, HeatMap, Page, Ranges, Scatter
 from clgrid.report.scales import Scale
-from clgrid.report.svg import front_of, names, seen
+from clgrid.report.svg import colour_of, front_of, names, seen, strong
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#b0578d", "#8a7400", "#5b6472")
 _SHAPES = "os^DvP"
@@ -90,17 +90,18 @@ def _scatter(axes: Any, scatter: Scatter) -> None:
         for axis, along in ((scatter.x, "x"), (scatter.y, "y"))
     )
     series, kinds = names(point.series for point in points), names(point.kind for point in points)
+    outstanding = strong(points)
     for point in points:
         colour = COLOURS[series.index(point.series) % len(COLOURS)]
         shape = _SHAPES[kinds.index(point.kind) % len(_SHAPES)]
         place = x(point.x), y(point.y)
         whiskers: dict[str, Any] = {"color": "#888888", "linewidth": 0.8, "zorder": 1}
-        strong = point.mark in (GOOD, CHOSEN)
-        if strong and point.x_range is not None:
+        bold = point in outstanding
+        if bold and point.x_range is not None:
             axes.plot([x(value) for value in point.x_range], [place[1]] * 2, **whiskers)
-        if strong and point.y_range is not None:
+        if bold and point.y_range is not None:
             axes.plot([place[0]] * 2, [y(value) for value in point.y_range], **whiskers)
-        axes.plot(*place, shape, color=colour, markersize=6, alpha=1.0 if strong else 0.4, zorder=3)
+        axes.plot(*place, shape, color=colour, markersize=6, alpha=1.0 if bold else 0.4, zorder=3)
         if point.mark == CHOSEN:
             axes.plot(*place, "o", markersize=14, markerfacecolor="none", markeredgecolor="black", zorder=4)
             axes.annotate(
@@ -114,7 +115,7 @@ def _scatter(axes: Any, scatter: Scatter) -> None:
     _ticks(axes.yaxis, y)
     axes.set(xlim=(0, 1), ylim=(0, 1), xlabel=scatter.x.name, ylabel=scatter.y.name)
     _dress(axes, scatter.title)
-    _keys(axes, series, kinds)
+    _keys(axes, [(name, k) for k, name in enumerate(series)], kinds)
 
 
 def _ranges(axes: Any, ranges: Ranges) -> None:
@@ -129,7 +130,7 @@ def _ranges(axes: Any, ranges: Ranges) -> None:
         axes.axvline(x(ranges.zero), color="black", linewidth=1.0, zorder=1)
     series = names(row.series for row in rows)
     for k, row in enumerate(rows):
-        colour = COLOURS[series.index(row.series) % len(COLOURS)]
+        colour = COLOURS[colour_of(row, series) % len(COLOURS)]
         axes.plot([x(row.low), x(row.high)], [k, k], color=colour, linewidth=1.6, zorder=2)
         axes.plot(x(row.value), k, "o", color=colour, markersize=5, zorder=3)
     axes.set_yticks(range(len(rows)), [_plain(row.label) for row in rows])
@@ -138,7 +139,8 @@ def _ranges(axes: Any, ranges: Ranges) -> None:
     _ticks(axes.xaxis, x)
     axes.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), xlabel=ranges.axis.name)
     _dress(axes, ranges.title)
-    _keys(axes, series, [""])
+    colours = {row.series: colour_of(row, series) for row in rows}
+    _keys(axes, [*colours.items()], [""])
 
 
 def _heat(figure: Any, axes: Any, heat: HeatMap) -> None:
@@ -170,13 +172,13 @@ def _dress(axes: Any, title: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _keys(axes: Any, series: list[str], kinds: list[str]) -> None:
+def _keys(axes: Any, series: list[tuple[str, int]], kinds: list[str]) -> None:
     from matplotlib.lines import Line2D
 
     plain: dict[str, Any] = {"linestyle": "none", "markersize": 6}
     keys = [
         Line2D([], [], marker="o", color=COLOURS[k % len(COLOURS)], label=_plain(name), **plain)
-        for k, name in enumerate(series)
+        for name, k in series
         if len(series) > 1
     ]
     keys += [

@@ -42,7 +42,8 @@ class Scale:
         low, high = self._to(low), self._to(high)
         least = 0.25 if self.log else 0.1 * (abs(high) or 1.0)
         room = max(_ROOM * (high - low), (least - (high - low)) / 2)
-        self.low = low - room if self.log or low - room > 0 or low < 0 else 0.0
+        # Lengths are compared from 0, where that costs no more than half of the axis.
+        self.low = 0.0 if not self.log and 0 <= low <= high / 2 else low - room
         self.high = high + room
 
     def __call__(self, value: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from clgrid.report.model import CHOSEN, GOOD, Axis, Point, Range, Ranges, Scatter
+from clgrid.report.model import BAD, CHOSEN, GOOD, QUIET, Axis, Point, Range, Ranges, Scatter
 from clgrid.report.scales import Scale
 
 # Wide for desks, narrow for phones: text keeps its size, so that each has a drawing of its own.
@@ -35,11 +35,19 @@ def scatter_svg(scatter: Scatter, size: tuple[int, int], name: str) -> str:
     ]
     front = front_of([(x(p.x), -y(p.y)) for p in points if p.mark in (GOOD, CHOSEN)])
     parts += [_front([(across, -up) for across, up in front], top, right)]
+    outstanding = strong(points)
     ordered = sorted(
         zip(points, places, strict=True), key=lambda each: (each[0].mark == CHOSEN, each[0].mark == GOOD)
     )
     parts += [
-        _point(point, place, x, y, series.index(point.series), kinds.index(point.kind))
+        _point(
+            point,
+            place,
+            x,
+            y,
+            _mark(kinds.index(point.kind), series.index(point.series), *place),
+            point not in outstanding,
+        )
         for point, place in ordered
     ]
     parts += [
@@ -72,17 +80,24 @@ def ranges_svg(ranges: Ranges, size: tuple[int, int], name: str) -> str:
     series = names(row.series for row in ranges.rows)
     for k, row in enumerate(ranges.rows):
         middle = top + step * (k + 0.5) + (9 if lines == 2 else 0)
-        parts.append(_range(row, x, middle, left, narrow, series.index(row.series)))
+        parts.append(_range(row, x, middle, left, narrow, colour_of(row, series)))
     return _svg(parts, (width, round(height)), ranges.title, name, ' data-down="1"')
 
 
-def legend(series: Sequence[str], kinds: Sequence[str], front: bool, chosen: bool) -> str:
-    """Name colours and shapes, in HTML; what is alike for all points is not named."""
+def colour_of(row: Range, series: Sequence[str]) -> int:
+    """Return the number of a line's colour: that of its mark, or of its series."""
+    return {GOOD: 0, BAD: 1, QUIET: 5}.get(row.mark, series.index(row.series))
+
+
+def legend(
+    series: Sequence[tuple[str, int]], kinds: Sequence[str] = (), front: bool = False, chosen: bool = False
+) -> str:
+    """Name colours, given by number, and shapes, in HTML; what is alike for all points is not named."""
     keys = []
     if len(series) > 1:
         keys += [
             f'<li><svg viewBox="-8 -8 16 16" aria-hidden="true">{_mark(0, k, 0, 0)}</svg>{escape(one)}</li>'
-            for k, one in enumerate(series)
+            for one, k in series
         ]
     if len(kinds) > 1:
         keys += [
@@ -116,10 +131,16 @@ def names(values: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(values))
 
 
-def seen(points: Iterable[Point], along: str) -> Iterable[float]:
-    """What axes must reach: all values, and the whiskers that are always there."""
+def strong(points: Sequence[Point]) -> list[Point]:
+    """Return the points that stand out: those marked, or all of them."""
+    return [point for point in points if point.mark in (GOOD, CHOSEN)] or [*points]
+
+
+def seen(points: Sequence[Point], along: str) -> Iterable[float]:
+    """What axes must reach: all values, and the whiskers of what stands out."""
+    outstanding = strong(points)
     for point in points:
-        around = getattr(point, f"{along}_range") if point.mark in (GOOD, CHOSEN) else None
+        around = getattr(point, f"{along}_range") if point in outstanding else None
         yield from (getattr(point, along), *(around or ()))
 
 
@@ -165,20 +186,19 @@ def _front(front: Sequence[tuple[float, float]], top: float, right: float) -> st
     return f'<path class="front" d="{path}H{right}"/>'
 
 
-def _point(point: Point, place: tuple[float, float], x: Scale, y: Scale, colour: int, shape: int) -> str:
+def _point(point: Point, place: tuple[float, float], x: Scale, y: Scale, mark: str, faint: bool) -> str:
     across, down = place
     parts = []
-    faint = "" if point.mark in (GOOD, CHOSEN) else " faint"
     if point.x_range is not None:
         low, high = map(x, point.x_range)
-        parts.append(f'<path class="whisker{faint}" d="M{low:.1f} {down:.1f}H{high:.1f}"/>')
+        parts.append(f'<path class="whisker" d="M{low:.1f} {down:.1f}H{high:.1f}"/>')
     if point.y_range is not None:
         low, high = map(y, point.y_range)
-        parts.append(f'<path class="whisker{faint}" d="M{across:.1f} {low:.1f}V{high:.1f}"/>')
+        parts.append(f'<path class="whisker" d="M{across:.1f} {low:.1f}V{high:.1f}"/>')
     if point.mark == CHOSEN:
         parts.append(f'<circle class="ring" cx="{across:.1f}" cy="{down:.1f}" r="10.5"/>')
-    parts.append(_mark(shape, colour, across, down, faint))
-    return _target("".join(parts), across, down, point.label, point.facts)
+    parts.append(mark)
+    return _target("".join(parts), across, down, point.label, point.facts, faint)
 
 
 def _chosen_name(
@@ -203,22 +223,24 @@ def _range(row: Range, x: Scale, y: float, left: float, narrow: bool, colour: in
     low, middle, high = x(row.low), x(row.value), x(row.high)
     mark = f" {row.mark}" if row.mark else ""
     place = f'x="{left}" y="{y - 14:.1f}"' if narrow else f'x="{left - 12}" y="{y + 4:.1f}" text-anchor="end"'
-    label = f'<text class="label{mark}" {place}>{escape(_short(row.label, 48))}</text>'
+    label = f'<text class="label{mark}" {place}>{escape(_short(row.label, 40 if narrow else 48))}</text>'
     path = f"M{low:.1f} {y:.1f}H{high:.1f}M{low:.1f} {y - 4:.1f}v8M{high:.1f} {y - 4:.1f}v8"
     line = f'<path class="span c{colour % COLOURS}" d="{path}"/>'
     return _target(label + line + _mark(0, colour, middle, y), middle, y, row.label, row.facts)
 
 
-def _target(drawn: str, x: float, y: float, label: str, facts: Sequence[tuple[str, str]]) -> str:
+def _target(
+    drawn: str, x: float, y: float, label: str, facts: Sequence[tuple[str, str]], faint: bool = False
+) -> str:
     """What can be pointed at or walked to: its label is what is read out and what the hint shows."""
     lines = "\n".join([label, *(f"{name}: {text}" for name, text in facts)])
     return (
-        f'<g class="pt" role="img" tabindex="-1" data-x="{x:.1f}" data-y="{y:.1f}"'
+        f'<g class="pt{" faint" if faint else ""}" role="img" tabindex="-1" data-x="{x:.1f}" data-y="{y:.1f}"'
         f' aria-label="{escape(lines)}">{drawn}</g>'
     )
 
 
-def _mark(shape: int, colour: int, x: float, y: float, more: str = "") -> str:
+def _mark(shape: int, colour: int, x: float, y: float) -> str:
     """One of six shapes of about the same area, at (x, y)."""
     kind = "plain" if colour < 0 else f"c{colour % COLOURS}"
     paths = (
@@ -230,7 +252,7 @@ def _mark(shape: int, colour: int, x: float, y: float, more: str = "") -> str:
         "M-6 -2H-2V-6H2V-2H6V2H2V6H-2V2H-6Z",
     )
     place = f"translate({x:.1f} {y:.1f})"
-    return f'<path class="mark {kind}{more}" transform="{place}" d="{paths[shape % SHAPES]}"/>'
+    return f'<path class="mark {kind}" transform="{place}" d="{paths[shape % SHAPES]}"/>'
 
 
 def _short(text: str, most: int) -> str:

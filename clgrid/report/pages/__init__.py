@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from clgrid.compare_record import CompareRecord
 from clgrid.record import BenchRecord, FramesRecord, RenderRecord, WorkloadRecord
 from clgrid.report.model import Page
@@ -13,27 +11,21 @@ from clgrid.tradeoff_record import TradeoffRecord
 from clgrid.verify_record import VerifyRecord
 
 
-def page(run: Run, commands: Sequence[str] = ()) -> Page:
-    """Return the page of a record.
-
-    Parameters
-    ----------
-    commands : sequence of str
-        How to repeat it, where the record does not say.
-    """
+def page(run: Run) -> Page:
+    """Return the page of a record."""
     record = run.record
     if isinstance(record, CompareRecord):
-        return compare.page(record, commands)
+        return compare.page(record)
     if isinstance(record, TradeoffRecord):
-        return tradeoff.page(record, commands)
+        return tradeoff.page(record)
     if isinstance(record, WorkloadRecord):
-        return workload.page(record, commands)
+        return workload.page(record)
     if isinstance(record, FramesRecord):
-        return frames.page(record, commands)
+        return frames.page(record)
     if isinstance(record, VerifyRecord):
-        return verify.page(record, commands)
+        return verify.page(record)
     if isinstance(record, RenderRecord):
-        return bench.page_of_picture(record, commands)
+        return bench.page_of_picture(record)
     if isinstance(record, BenchRecord):
-        return bench.page(record, commands)
+        return bench.page(record)
     raise TypeError(f"no page for {type(record).__name__}")

@@ -7,13 +7,13 @@ from statistics import median
 
 from clgrid.record import BenchRecord, RenderRecord, Row
 from clgrid.report.model import Axis, Cell, Column, Page, Ranges, Section, Table, Value
-from clgrid.report.pages.shared import BANDS, facts, named, rate, time_range, timed
+from clgrid.report.pages.shared import BANDS, facts, named, rate, repeated, time_range, timed
 from clgrid.report.quantity import BYTES, BYTES_EACH, COUNT, MRAYS, NUMBER, SECONDS, Quantity, counted
 
 _MTRI = Quantity(((1.0, "Mtri/s"),))
 
 
-def page(record: BenchRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: BenchRecord) -> Page:
     """Return the page of scenes that were built and drawn."""
     rows = record.rows
     says = [_sentence(row) for row in rows]
@@ -28,12 +28,12 @@ def page(record: BenchRecord, commands: Sequence[str] = ()) -> Page:
         + [f"{named(row.scene)}: {warning}" for row in rows for warning in row.warnings],
         sections=_sections(rows),
         facts=facts(record),
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 
 
-def page_of_picture(record: RenderRecord, commands: Sequence[str] = ()) -> Page:
+def page_of_picture(record: RenderRecord) -> Page:
     """Return the page of one picture that was drawn."""
     return Page(
         title=f"A picture of {named(record.row.scene)} on {record.device.name}",
@@ -41,7 +41,7 @@ def page_of_picture(record: RenderRecord, commands: Sequence[str] = ()) -> Page:
         warnings=record.row.warnings,
         sections=_sections([record.row]),
         facts=facts(record),
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 

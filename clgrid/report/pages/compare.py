@@ -10,14 +10,14 @@ import numpy as np
 from clgrid.compare_record import COMPLETED, CompareDevice, ComparePair, CompareRecord, CompareRow
 from clgrid.report.model import Axis, Block, HeatMap, Page, Range, Ranges, Section
 from clgrid.report.pages import compare_tables as tables
-from clgrid.report.pages.shared import BANDS, command_line, facts, joined, named, time_range
+from clgrid.report.pages.shared import BANDS, facts, joined, named, repeated, time_range
 from clgrid.report.quantity import BYTES, COUNT, NUMBER, SECONDS, counted
 
 # Heat maps shown; further pairs are in the table.
 _MAPS = 12
 
 
-def page(record: CompareRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: CompareRecord) -> Page:
     """Return the page of several devices at the same work."""
     scenes = [*dict.fromkeys(pair.scene for pair in record.pairs)] or [
         *dict.fromkeys(row.scene for device in record.devices for row in device.rows)
@@ -38,7 +38,7 @@ def page(record: CompareRecord, commands: Sequence[str] = ()) -> Page:
         warnings=_warnings(record),
         sections=sections,
         facts=_facts(record),
-        commands=[command_line(record.command)] if record.command else [*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 

@@ -94,9 +94,16 @@ def _worse(worse: Sequence[Finding]) -> str:
 
 
 def _listed(findings: Sequence[Finding]) -> str:
-    first = [f"{each.row}: {each.field} {said(each)}" for each in findings[:3]]
+    first = [f"{each.row}: {words(each.field)} {said(each)}" for each in findings[:3]]
     more = [f"{len(findings) - 3} more"] if len(findings) > 3 else []
     return joined([*first, *more])
+
+
+def words(field: str) -> str:
+    """Return a field in words: ``time to image``; ``build, count`` of ``build_stages_s.count``."""
+    whole, _, part = field.partition(".")
+    name = {"build_stages_s": "build", "nbytes": "bytes"}.get(whole, whole.removesuffix("_s"))
+    return ", ".join(filter(None, (name, part))).replace("_", " ")
 
 
 def said(finding: Finding) -> str:
@@ -127,12 +134,12 @@ def _plot(record: DifferenceRecord) -> Ranges:
         shown = [*times[: _LINES // 2], *times[-_LINES // 2 :]]
     rows = [
         Range(
-            f"{each.row}: {each.field.removesuffix('_s')}",
+            f"{each.row}: {words(each.field)}",
             each.ratio or 1.0,
             each.low or 0.0,
             each.high or 0.0,
             {WORSE: "slower", BETTER: "faster"}.get(each.verdict, "within noise"),
-            _MARKS.get(each.verdict, "") if each.verdict in (WORSE, BETTER) else "",
+            _MARKS.get(each.verdict, ""),
             (
                 ("first", SECONDS.text(median(_numbers(each.first)))),
                 ("second", SECONDS.text(median(_numbers(each.second)))),

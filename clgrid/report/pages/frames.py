@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from statistics import median
 
 from clgrid.record import FramesRecord
 from clgrid.report.model import Axis, Column, Page, Point, Scatter, Section, Table
 from clgrid.report.noise import band
-from clgrid.report.pages.shared import facts, named, timed
+from clgrid.report.pages.shared import facts, named, repeated, timed
 from clgrid.report.quantity import BYTES, COUNT, SECONDS, counted
 
 
-def page(record: FramesRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: FramesRecord) -> Page:
     """Return the page of a mesh that moves."""
     seen = record.medians
     return Page(
@@ -25,7 +24,7 @@ def page(record: FramesRecord, commands: Sequence[str] = ()) -> Page:
         warnings=record.warnings,
         sections=[Section("Frames", [_plot(record), _table(record)])],
         facts=[*facts(record), ("vertices from", named(record.frames))],
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 

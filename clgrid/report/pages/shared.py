@@ -30,9 +30,9 @@ def of_device(device: DeviceRecord) -> list[tuple[str, str]]:
     return [("device", device.name), ("driver", device.driver), ("platform", device.platform)]
 
 
-def command_line(words: Sequence[str]) -> str:
-    """Return words as a shell takes them."""
-    return shlex.join(words)
+def repeated(record: Header) -> list[str]:
+    """Return the command line that repeats a record, if it says one."""
+    return [shlex.join(record.command)] if record.command else []
 
 
 def named(scene: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from statistics import median
 
 from clgrid.report.model import (
@@ -16,7 +15,7 @@ from clgrid.report.model import (
     Section,
 )
 from clgrid.report.pages import tradeoff_tables as tables
-from clgrid.report.pages.shared import facts, named
+from clgrid.report.pages.shared import facts, named, repeated
 from clgrid.report.quantity import BYTES, NUMBER, PERCENT, SECONDS, Quantity, counted
 from clgrid.tradeoff_record import TradeoffRecord, TradeoffRow
 
@@ -29,7 +28,7 @@ MEASURES = {
 }
 
 
-def page(record: TradeoffRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: TradeoffRecord) -> Page:
     """Return the page of speed against accuracy on a scene."""
     sections = [
         Section("What accuracy costs", _plots(record)),
@@ -53,7 +52,7 @@ def page(record: TradeoffRecord, commands: Sequence[str] = ()) -> Page:
             *facts(record),
             ("clock", "wall" if record.clock == "wall" else "processor time of all threads"),
         ],
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 

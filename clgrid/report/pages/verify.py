@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from clgrid.report.model import BAD, Cell, Column, Page, Section, Table
-from clgrid.report.pages.shared import facts, faults, joined, named
+from clgrid.report.pages.shared import facts, faults, joined, named, repeated
 from clgrid.report.quantity import COUNT, PERCENT, ULPS
 from clgrid.verify_record import VerifyRecord, VerifyRow
 
@@ -23,7 +23,7 @@ _CHECKS = (
 )
 
 
-def page(record: VerifyRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: VerifyRecord) -> Page:
     """Return the page of promises tried."""
     rows = record.rows
     kept = [row.accuracy for row in rows if not row.broken]
@@ -64,7 +64,7 @@ def page(record: VerifyRecord, commands: Sequence[str] = ()) -> Page:
         warnings=record.warnings,
         sections=sections,
         facts=[*facts(record), ("grid", f"{record.layout}, density {record.density}")],
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from clgrid.record import WorkloadRecord, WorkloadRow
 from clgrid.report.model import Axis, Cell, Column, Page, Ranges, Section, Table
-from clgrid.report.pages.shared import BANDS, facts, faults, named, time_range, timed
+from clgrid.report.pages.shared import BANDS, facts, faults, named, repeated, time_range, timed
 from clgrid.report.quantity import BYTES, COUNT, MRAYS, NUMBER, SECONDS
 
 
-def page(record: WorkloadRecord, commands: Sequence[str] = ()) -> Page:
+def page(record: WorkloadRecord) -> Page:
     """Return the page of a renderer's rays."""
     rows = record.rows
     names = [*dict.fromkeys(row.workload for row in rows)]
@@ -21,7 +21,7 @@ def page(record: WorkloadRecord, commands: Sequence[str] = ()) -> Page:
         + [f"{named(row.scene)}: {warning}" for row in rows for warning in row.warnings],
         sections=[Section("Rays by kind", [_times(rows), _kinds(rows)])] if rows else [],
         facts=facts(record),
-        commands=[*commands],
+        commands=repeated(record),
         compiled=record.compiled,
     )
 
