@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -104,8 +105,7 @@ def test_pages_say_what_they_say_and_how_to_repeat_it() -> None:
     compared = Parsed(html(PAGES["compare"])).text
     assert "Not the same bits, though promised: 1 of 1 comparison." in compared
     assert "pocl-3.1 crashed at build robust: ended by signal 6" in compared
-    assert "clgrid compare '<" not in compared
-    assert "clgrid compare " in compared
+    assert shlex.join(made.compare().command) in compared
     same = page(Run.of(made.compare(0), "x"))
     assert same.says[0].startswith("The same answers, bit for bit: on robust, 2 devices built")
 

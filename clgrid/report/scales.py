@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from clgrid.report.model import Axis
 
 _ROOM = 0.06
+# Of ten, in float64.
+_POWERS = 307
 
 
 class Scale:
@@ -57,7 +59,7 @@ class Scale:
         """Return round values within the axis, at most so many, without that of the lane."""
         if not self.log:
             return _even(self.low, self.high, most)
-        first, last = math.floor(self.low), math.ceil(self.high)
+        first, last = max(math.floor(self.low), -_POWERS), min(math.ceil(self.high), _POWERS)
         for digits in ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,)):
             found = [digit * 10.0**power for power in range(first, last + 1) for digit in digits]
             found = [value for value in found if self.low <= math.log10(value) <= self.high]

@@ -136,12 +136,10 @@ def speed(record: CompareRecord) -> Table:
                 ]
             )
     # The same work of all devices together.
-    cells.sort(key=lambda row: (str(_value(row[0])), str(_value(row[1]))))
+    works = [*dict.fromkeys((row.scene, row.accuracy) for device in record.devices for row in device.rows)]
+    order = [works.index((row.scene, row.accuracy)) for device in record.devices for row in device.rows]
+    cells = [cells[k] for k in sorted(range(len(cells)), key=order.__getitem__)]
     return Table("Times and bytes", columns, cells)
-
-
-def _value(value: Cell | Value) -> Value:
-    return value.value if isinstance(value, Cell) else value
 
 
 def devices(record: CompareRecord) -> list[Block]:
