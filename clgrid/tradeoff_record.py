@@ -270,8 +270,9 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         Of each kind.
     confidence : float
         Of intervals and upper bounds.
-    margin : float
-        Times that differ by no more than this share count as equal.
+    margin, rung_margin : float
+        Times of two points that differ by no more than this share count as equal; the same of the fastest
+        points of two rungs.
     methods : dict of str to str
         How intervals, bounds, front and choice are made, a sentence each.
     budget_s : float
@@ -307,6 +308,7 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     rays: int
     confidence: float
     margin: float
+    rung_margin: float
     methods: dict[str, str]
     budget_s: float
     load_s: list[float]

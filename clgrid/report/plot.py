@@ -146,8 +146,7 @@ def _ranges(axes: Any, ranges: Ranges) -> None:
 def _heat(figure: Any, axes: Any, heat: HeatMap) -> None:
     from matplotlib.colors import ListedColormap, PowerNorm
 
-    colours = ListedColormap(palette() / 255.0)
-    colours.set_bad("#84848c")
+    colours = ListedColormap(palette() / 255.0).with_extremes(bad="#84848c")
     largest = float(np.nanmax(heat.values, initial=0.0)) or 1.0
     shown = axes.imshow(heat.values, cmap=colours, norm=PowerNorm(0.5, 0.0, largest), interpolation="nearest")
     axes.set_xticks([])
