@@ -156,6 +156,24 @@ def test_matplotlib_is_not_imported_without_a_plot(tmp_path: Path) -> None:
     assert done.stdout == "0 False\n"
 
 
+EMPTY: dict[str, dict[str, object]] = {
+    "bench": {"rows": []},
+    "workload": {"rows": []},
+    "frames": {"rows": []},
+    "verify": {"rows": []},
+    "compare": {"devices": [], "pairs": []},
+    "tradeoff": {"rows": [], "front": [], "recommendation": None, "nearest": "nothing"},
+}
+
+
+@pytest.mark.parametrize("kind", list(EMPTY))
+def test_a_record_of_nothing_has_a_page(run: Any, kind: str) -> None:
+    save("r.json", msgspec.structs.replace(EVERY[kind], **EMPTY[kind]))
+    code, _, err = run("r.json", "--html", "r.html", "--csv", "r.csv")
+    assert (code, err) == (0, "")
+    assert "<h1>" in Path("r.html").read_text()
+
+
 # Two records
 
 
@@ -191,8 +209,8 @@ def test_the_files_of_a_comparison(run: Any) -> None:
 # What is refused
 
 
-def _broken(change: Callable[[dict[str, Any]], object]) -> str:
-    document = json.loads(encode(made.bench(made.row())))
+def _broken(change: Callable[[dict[str, Any]], object], kind: str = "bench") -> str:
+    document = json.loads(encode(EVERY[kind]))
     change(document)
     return json.dumps(document)
 
@@ -214,6 +232,12 @@ def _broken(change: Callable[[dict[str, Any]], object]) -> str:
         (_broken(lambda d: d["rows"][0].update(build_s=0.5)), r"at `\$\.rows\[0\]\.build_s`"),
         (_broken(lambda d: d["rows"][0].update(extra=1)), "unknown field `extra`"),
         (_broken(lambda d: d["rows"][0].update(render_s=[0.1, -0.5])), r"at `\$\.rows\[0\]\.render_s\[1\]`"),
+        (_broken(lambda d: d["rows"][1].update(render_s=[])), r"at `\$\.rows\[1\]\.render_s`"),
+        (_broken(lambda d: d["recommendation"].update(row=99), "tradeoff"), r"`\$\.recommendation`"),
+        (_broken(lambda d: d["rows"][2].update(errors_of=99), "tradeoff"), r"`\$\.rows\[2\]\.errors_of`"),
+        (_broken(lambda d: d["rows"][2].update(turns=[0]), "tradeoff"), r"`\$\.rows\[2\]\.turns`"),
+        (_broken(lambda d: d.update(slowness=[1.0]), "tradeoff"), r"`\$\.rows\[0\]\.turns`"),
+        (_broken(lambda d: d["pairs"][0]["heat_map"].update(width=3), "compare"), r"\[0\]\.heat_map`"),
     ],
 )
 def test_damaged_and_foreign_files_are_one_line(run: Any, text: str, said: str) -> None:

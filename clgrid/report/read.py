@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ KINDS: dict[str, type[Header]] = {
     "clgrid.tradeoff/1": TradeoffRecord,
 }
 _LARGEST = 1 << 30
+# What is a median wherever it is shown.
+_MEASURED = ("build_s", "render_s", "time_to_image_s", "cast_s")
 
 
 @dataclass(frozen=True)
@@ -85,17 +88,44 @@ def read(path: str | Path) -> Run:
         raise InputError(
             f"{path}: not a whole {schema}: {error}; measure anew, or use the clgrid that wrote it"
         ) from error
-    _check_times(path, document, "$")
+    wrong = next(_wrong_times(document, "$"), None) or _wrong_numbers(record)
+    if wrong:
+        raise InputError(f"{path}: {wrong}; the record is damaged")
     return Run(Path(path).name, record, document)
 
 
-def _check_times(path: str | Path, value: Any, place: str) -> None:
-    """Refuse seconds below 0: nothing can be said of them."""
+def _wrong_times(value: Any, place: str) -> Iterator[str]:
+    """Seconds of which nothing can be said: below 0, or none where something was measured."""
+    name = place.rpartition(".")[2]
     if isinstance(value, dict):
-        for name, inner in value.items():
-            _check_times(path, inner, f"{place}.{name}")
+        for key, inner in value.items():
+            yield from _wrong_times(inner, f"{place}.{key}")
     elif isinstance(value, list):
+        if not value and name in _MEASURED:
+            yield f"no repetitions - at `{place}`"
         for number, inner in enumerate(value):
-            _check_times(path, inner, f"{place}[{number}]")
-    elif isinstance(value, float) and value < 0 and "_s" in place.rpartition(".")[2]:
-        raise InputError(f"{path}: a time below 0 - at `{place}`; the record is damaged")
+            yield from _wrong_times(inner, f"{place}[{number}]")
+    elif isinstance(value, (int, float)) and value < 0 and "_s" in name:
+        yield f"a time below 0 - at `{place}`"
+
+
+def _wrong_numbers(record: Header) -> str:
+    """The first number of a row that is not there, or list of another length than is said; mostly empty."""
+    if isinstance(record, TradeoffRecord):
+        count, turns = len(record.rows), len(record.slowness)
+        chosen = record.recommendation
+        if chosen is not None and not all(0 <= row < count for row in (chosen.row, chosen.rival or 0)):
+            return "no such row - at `$.recommendation`"
+        for number, row in enumerate(record.rows):
+            if not 0 <= row.errors_of < count:
+                return f"no such row - at `$.rows[{number}].errors_of`"
+            if {len(row.turns)} != {len(row.build_s), len(row.render_s), len(row.time_to_image_s)}:
+                return f"not a turn for each repetition - at `$.rows[{number}].turns`"
+            if not all(0 <= turn < turns and record.slowness[turn] > 0 for turn in row.turns):
+                return f"no such turn - at `$.rows[{number}].turns`"
+    if isinstance(record, CompareRecord):
+        for number, pair in enumerate(record.pairs):
+            heat = pair.heat_map
+            if heat is not None and {heat.width * heat.height} != {len(heat.rays), len(heat.image)}:
+                return f"not a value for each block - at `$.pairs[{number}].heat_map`"
+    return ""

@@ -33,7 +33,7 @@ def page(record: CompareRecord) -> Page:
         ),
     ]
     return Page(
-        title=f"{joined(devices)} compared on {joined([named(scene) for scene in scenes]) or 'no scene'}",
+        title=f"{joined(devices) or 'No device'} compared on {joined([named(scene) for scene in scenes]) or 'no scene'}",
         says=_says(record),
         warnings=_warnings(record),
         sections=sections,
