@@ -22,7 +22,7 @@ def page(record: CompareRecord) -> Page:
     scenes = [*dict.fromkeys(pair.scene for pair in record.pairs)] or [
         *dict.fromkeys(row.scene for device in record.devices for row in device.rows)
     ]
-    devices = [device.label for device in record.devices]
+    devices = joined([device.label for device in record.devices]) or "No device"
     sections = [
         Section("Whether they agree", _agreement(record), _agreement_text(record)),
         Section("How fast they are", _speed(record)),
@@ -33,7 +33,7 @@ def page(record: CompareRecord) -> Page:
         ),
     ]
     return Page(
-        title=f"{joined(devices) or 'No device'} compared on {joined([named(scene) for scene in scenes]) or 'no scene'}",
+        title=f"{devices} compared on {joined([named(scene) for scene in scenes]) or 'no scene'}",
         says=_says(record),
         warnings=_warnings(record),
         sections=sections,
