@@ -141,6 +141,10 @@ def test_a_missing_matplotlib_is_one_line(run: Any, monkeypatch: pytest.MonkeyPa
     assert not Path("p.html").exists()
 
 
+def test_help_names_the_extra(run: Any) -> None:
+    assert "clgrid[plot]" in "".join(run("--help")[1].replace("│", "").split())
+
+
 def test_matplotlib_is_not_imported_without_a_plot(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     path.write_text(encode(EVERY["bench"]))

@@ -39,7 +39,7 @@ Plot = Annotated[
     typer.Option(
         "--plot",
         metavar="FILE.png|svg",
-        help="Draw the page's plots; needs matplotlib: pip install 'clgrid[plot]'.",
+        help="Draw the page's plots; needs matplotlib: pip install 'clgrid\\[plot]'.",
         rich_help_panel=OUTPUT,
         show_default=False,
     ),
