@@ -43,6 +43,8 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         Every kernel file built in the process, with its ``-D`` options.
     seeds : dict
         Of every random choice; empty where nothing is random.
+    command : tuple of str
+        The words of the command line that repeats it; empty for a record made in Python.
     """
 
     schema: str
@@ -50,6 +52,7 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     device: DeviceRecord
     compiled: tuple[str, ...]
     seeds: dict[str, int] = {}
+    command: tuple[str, ...] = ()
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -73,7 +73,7 @@ def test_help_is_light():
 def test_help_and_version(run):
     everything = run()
     assert everything.code == 0
-    for verb in ("render", "bench", "info", "devices", "doctor"):
+    for verb in ("render", "bench", "info", "report", "devices", "doctor"):
         assert verb in everything.out
         assert run(verb, "--help").code == 0
     assert run("--version").out == f"clgrid {clgrid.__version__}\n"

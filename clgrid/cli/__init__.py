@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import clgrid
-from clgrid.cli import batch, bench, compare, devices, diff, info, render, repro, tradeoff, verify
+from clgrid.cli import batch, bench, compare, devices, diff, info, render, report, repro, tradeoff, verify
 from clgrid.cli.output import OutputClosedError
 from clgrid.errors import ClgridError
 
@@ -36,6 +36,7 @@ app.command()(compare.compare)
 app.command()(diff.diff)
 app.command()(repro.repro)
 app.command()(tradeoff.tradeoff)
+app.command()(report.report)
 app.command()(devices.devices)
 app.command()(devices.doctor)
 
