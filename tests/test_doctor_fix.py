@@ -85,9 +85,7 @@ def refusal() -> str:
     return str(caught.value)
 
 
-def test_it_refuses_what_is_no_venv(
-    environment: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_refuses_what_is_no_venv(environment: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "base_prefix", str(environment))
     assert refusal().startswith(f"--fix writes only into virtual environments; {environment} is none")
 

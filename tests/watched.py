@@ -18,7 +18,20 @@ from typing import Any
 
 import numpy as np
 
-from clgrid import brute, camera, grid, layouts, look, memory, procedural, program, registration, renderer
+from clgrid import (
+    brute,
+    camera,
+    grid,
+    layouts,
+    look,
+    memory,
+    procedural,
+    program,
+    registration,
+    renderer,
+    target,
+    tuning,
+)
 from clgrid import device as devices
 from clgrid.layouts import binning, nested, planes
 from clgrid.mesh import Mesh
@@ -177,11 +190,37 @@ def _lit_picture() -> None:
     renderer.render(mesh, view, _SIZE, _SIZE, grid=made, look=white, shading=shading)
 
 
+def _moved() -> None:
+    mesh, made = _made("compact", "robust")
+    made.update(2 * mesh.vertices)
+    assert made.occluded(*_some_rays(made.mesh, 8)).sum() == 6
+
+
+def _in_parts() -> None:
+    for module in (memory, target):
+        module.largest_buffer = lambda device: 600  # type: ignore[attr-defined]
+    _cast("compact", "robust", 8, "closest", "all")
+
+
+def _wide_positions() -> None:
+    binning.MOST_REFERENCES = 10  # type: ignore[misc]
+    _cast("compact", "robust", 8, "closest")
+
+
+def _in_turns() -> None:
+    with tuning.tried(tuning.Tuning(fewest_together=65, herd=4, fewest_in_turns=0)):
+        _cast("compact", "robust", 20, "closest")
+
+
 CASES: dict[str, Callable[[], None]] = {
     **{
         layout: (lambda layout=layout: _cast(layout, "robust", 20, "closest", "any"))
         for layout in layouts.ALL_LAYOUTS
     },
+    "moved": _moved,
+    "in parts": _in_parts,
+    "wide positions": _wide_positions,
+    "in turns": _in_turns,
     "skipping": lambda: _cast("compact", "robust", 20, "closest", skipping=True),
     **{
         f"queries {rung}": (

@@ -36,7 +36,7 @@ def _debian(devices: Sequence[Description], pocls: Sequence[str]) -> Iterator[Fi
         yield Finding("install", "ok", None, message, _as_root("pocl-opencl-icd"))
     if "oclgrind" not in platforms:
         message = (
-            "Oclgrind interprets kernels and finds races and accesses out of bounds, a thousand times slower;"
+            "Oclgrind interprets kernels and finds races and accesses out of bounds, but slowly;"
             " taken only where it is named"
         )
         yield Finding("install", "ok", None, message, f"{_as_root('oclgrind')}; then: oclgrind COMMAND")
