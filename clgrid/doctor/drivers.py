@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -51,19 +50,10 @@ def _load_error(library: str) -> str:
 
 
 def _child_error(command: list[str]) -> str:
-    try:
-        child = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_LIST_SECONDS, check=False
-        )
-    except subprocess.TimeoutExpired:
+    child = probe.run_child(command, _LIST_SECONDS)
+    if child is None:
         return f"no answer within {_LIST_SECONDS:.0f} s"
-    return "" if child.returncode == 0 else last_words(child.stderr, child.returncode)
-
-
-def last_words(output: str, returncode: int) -> str:
-    """What a child that failed said last, or how it was killed."""
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    return lines[-1][:300] if lines and returncode > 0 else probe.ending(returncode)
+    return "" if child.returncode == 0 else probe.last_words(child.stderr, child.returncode)
 
 
 def listing() -> Finding:

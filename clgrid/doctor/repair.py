@@ -8,12 +8,11 @@ whatever the system and ``OCL_ICD_VENDORS`` have; so one more there is all that 
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
-from clgrid import cache, registration
-from clgrid.doctor.drivers import INTEL_PACKAGES, last_words
+from clgrid import cache, probe, registration
+from clgrid.doctor.drivers import INTEL_PACKAGES
 from clgrid.doctor.finding import Finding
 from clgrid.errors import DeviceError, InputError
 
@@ -92,19 +91,10 @@ def _fault() -> str:
     """Why another program does not see Intel's runtime once; empty if it does."""
     hidden = registration.LOADER_VARIABLES
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    try:
-        child = subprocess.run(
-            [sys.executable, "-c", _LIST],
-            env=environment,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
+    child = probe.run_child([sys.executable, "-c", _LIST], _SECONDS, environment)
+    if child is None:
         return f"listing platforms takes more than {_SECONDS:.0f} s"
     if child.returncode != 0:
-        return f"listing platforms fails: {last_words(child.stderr, child.returncode)}"
+        return f"listing platforms fails: {probe.last_words(child.stderr, child.returncode)}"
     count = child.stdout.strip()
     return "" if count == "1" else f"{count} of Intel's platforms are seen"

@@ -6,14 +6,12 @@ A rung whose driver crashes, hangs or miscompiles is refused, and says nothing o
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 
 from clgrid import probe, selftest
 from clgrid.description import Description
-from clgrid.doctor.drivers import last_words
 from clgrid.doctor.finding import Finding, Verdict
 from clgrid.errors import ClgridError
 from clgrid.rungs import ACCURACIES, LOSSLESS
@@ -61,21 +59,13 @@ def attempt(description: Description, rung: str, timeout: float = TIMEOUT_SECOND
     """Run the self-test of a strict rung in a child process, and have it remembered."""
     label = description.label
     start = time.perf_counter()
-    try:
-        child = subprocess.run(
-            probe.child_command("clgrid.doctor.trial", label, rung),
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=timeout,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
+    child = probe.run_child(probe.child_command("clgrid.doctor.trial", label, rung), timeout)
+    if child is None:
         why = f"its self-test does not end within {timeout:.0f} s"
         return Verdict(label, rung, may_run=False, why=why, tested=True, seconds=timeout)
     seconds = time.perf_counter() - start
     if child.returncode != 0:
-        why = f"its self-test ends the process: {last_words(child.stderr, child.returncode)}"
+        why = f"its self-test ends the process: {probe.last_words(child.stderr, child.returncode)}"
         return Verdict(label, rung, may_run=False, why=why, tested=True, seconds=seconds)
     fault = json.loads(child.stdout)["fault"]
     return Verdict(label, rung, may_run=not fault, why=fault or _PASSED, tested=True, seconds=seconds)
