@@ -223,6 +223,7 @@ void start_tile(Tile *tile, __constant const FrameParams *frame, __constant cons
         tile->t[k] = INFINITY;
         tile->ids[k] = NO_HIT;
 #ifdef RUNG_EXACT
+        tile->errors[k] = 0.0;
         tile->decisions[k] = 0;
 #endif
 #endif

@@ -370,8 +370,10 @@ def build(
     return grid
 
 
-def require_tested(device: Device, accuracy: str) -> None:
+def require_tested(device: Device, accuracy: str, *, again: bool = False) -> None:
     """Find out, before the first grid of this accuracy on the device, that it keeps the promises.
+
+    ``again``: also where it is known already.
 
     Raises
     ------
@@ -379,7 +381,7 @@ def require_tested(device: Device, accuracy: str) -> None:
         If it does not.
     """
     tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
-    selftest.require(device, RUNGS[accuracy], lambda ball: untested(ball, device, tested))
+    selftest.require(device, RUNGS[accuracy], lambda ball: untested(ball, device, tested), again=again)
 
 
 def untested(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:

@@ -103,7 +103,7 @@ def fault(caster: Caster, of: Mesh, rung: str) -> str:
     return ""
 
 
-def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster]) -> None:
+def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster], *, again: bool = False) -> None:
     """Find out, before a device's first grid on a strict rung, that it keeps the rung's promises.
 
     A success is remembered on disk.
@@ -115,18 +115,20 @@ def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster]) -> None:
         One that promises nothing is not tested.
     make : callable
         Builds a grid of this rung over a mesh on the device.
+    again : bool
+        Also where it is known already.
 
     Raises
     ------
     DeviceError
         If it does not, saying what is wrong and what to do.
     """
-    if not rung.lossless or (device, rung.name) in _passed:
+    if not rung.lossless or ((device, rung.name) in _passed and not again):
         return
     with _lock:
         name = record_name(device.description, rung.name)
         record = cache.load(name)
-        if record is None or record.get("fault") != "":
+        if again or record is None or record.get("fault") != "":
             _examine(device, rung.name, make, name)
         _passed.add((device, rung.name))
 
