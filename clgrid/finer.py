@@ -36,14 +36,14 @@ _WORTH = 0.85
 # Seconds of a ray that goes alone, on a device on which a reference costs a tile what it typically does: in
 # any case, a cell looked at, a batch of eight triangles. Fitted to random rays through twelve scenes
 # (docs/performance.md, "Rays that pay for a finer grid").
-_RAY_S, _BATCH_S = 2.0e-7, 5.0e-8
+_RAY_S, _BATCH_S = 1.9e-7, 4.5e-8
 _STEP_S = {
     ("compact", False): 5e-9,
-    ("compact", True): 1.2e-8,
-    ("hashed", False): 9e-9,
-    ("hashed", True): 1.9e-8,
-    ("nested", False): 1e-8,
-    ("nested-hashed", False): 1.4e-8,
+    ("compact", True): 5e-9,
+    ("hashed", False): 8e-9,
+    ("hashed", True): 1e-8,
+    ("nested", False): 8e-9,
+    ("nested-hashed", False): 1e-8,
 }
 # Batches in a nested grid, of those in a uniform one of a cell a triangle: counted 0.39 to 0.78.
 _NESTED_BATCHES = 0.55
