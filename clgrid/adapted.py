@@ -25,6 +25,7 @@ from clgrid.mesh import Mesh
 from clgrid.queries import Queries
 from clgrid.rays import Rays
 from clgrid.recipe import Recipe
+from clgrid.stats import GridStats
 from clgrid.target import MeshPart
 
 log = logging.getLogger(__name__)
@@ -118,6 +119,7 @@ class Adapts(Queries, Life):
     parts: list[GridPart]
     _allocator: Allocator
     _swapping: threading.Lock
+    _stats: tuple[list[GridPart], GridStats] | None
 
     @property
     @abstractmethod
@@ -166,7 +168,7 @@ class Adapts(Queries, Life):
             made = []
         with self._swapping:
             if made and not self._released:
-                self.parts, self._stands_as = made, recipe
+                self.parts, self._stands_as, self._stats = made, recipe, None
             standing = self.parts
         self._allocator.keep_only(*(buffer for part in standing for buffer in part.lists.buffers))
         self._allocator.finished = self.nbytes

@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from clgrid import calibrate, cost
 from clgrid.device import Device
-from clgrid.estimate import Sample, Work, estimate_nested, estimates, leaping, sample
-from clgrid.layouts import nested
+from clgrid.estimate import Sample, Work, estimates, leaping, sample
 from clgrid.layouts.lists import NESTED
 from clgrid.mesh import Mesh
 from clgrid.recipe import AUTO, Recipe, kinds
@@ -27,7 +26,7 @@ LADDER = (0.5, 0.71, 1.0, 1.26, 1.59, 2.0, 2.52, 3.17, 4.0, 5.04, 6.35, 8.0)
 """Densities of the grids in question: near the bound of bytes, small steps count."""
 
 MOST_BYTES = 24
-"""Bytes of the finer grid, for each triangle: a quarter of what a fast hierarchy takes."""
+"""Bytes of the finer grid by estimate, for each triangle: a quarter of what a fast hierarchy takes."""
 
 # Share of the time of a ray on the grid that stands, below which another is worth its build: estimates of two
 # grids differ by up to a tenth more or less than measured ones do.
@@ -70,6 +69,8 @@ class Plan:
 def plan(mesh: Mesh, device: Device, standing: Recipe, nbytes: int) -> Plan | None:
     """The best grid for rays that go alone, or None if the one that stands is nearly as good.
 
+    A nested one is: it was chosen for a crowd, and has cells as small as the triangles in them.
+
     Parameters
     ----------
     mesh : Mesh
@@ -79,6 +80,8 @@ def plan(mesh: Mesh, device: Device, standing: Recipe, nbytes: int) -> Plan | No
     nbytes : int
         Of the grid that stands, beside which the other is built.
     """
+    if standing.layout in NESTED:
+        return None
     constants = calibrate.constants(device, kinds(AUTO, AUTO))
     most = MOST_BYTES * mesh.triangle_count
     if standing.max_memory is not None:
@@ -90,7 +93,7 @@ def plan(mesh: Mesh, device: Device, standing: Recipe, nbytes: int) -> Plan | No
         rays=0,
         max_memory=most,
         device_memory=device.description.global_memory - nbytes,
-        nested=standing.layout not in NESTED,
+        nested=True,
     )
     seen = sample(mesh)
     speed = _speed(constants)
@@ -136,10 +139,7 @@ def _speed(constants: dict[calibrate.Kind, cost.Constants]) -> float:
 
 
 def _work(seen: Sample, standing: Recipe) -> Work:
-    """Of the grid that stands."""
+    """Of the uniform grid that stands."""
     extents: npt.NDArray[np.float64] = seen.bounds[1] - seen.bounds[0]
-    if standing.layout in NESTED:
-        even = by_density(extents, seen.triangles, 1.0)
-        return estimate_nested(seen, nested.top_resolution(extents, seen.triangles), even)
     work = estimates(seen, [by_density(extents, seen.triangles, standing.density)])[0]
     return leaping(work) if standing.skipping else work

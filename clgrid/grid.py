@@ -118,7 +118,7 @@ class Grid(Adapts, Shown):
 
     def _let_go(self) -> None:
         if self.parts:
-            _ = self.stats  # which outlives the buffers
+            self._stats = [], self.stats  # which outlive the buffers
         self.under_way.wait()
         with self._swapping:
             self.parts, self._target = [], None
@@ -371,7 +371,7 @@ def build(
         Whether rays that have little in common, once so many are cast that it pays, may have the grid
         rebuilt for them, while ``cast`` or another query runs: the same hits, sooner, from then on. Only
         where layout, density and skipping are all "auto", and never on the rung ``fast``, beyond
-        ``max_memory``, or beyond 24 bytes a triangle.
+        ``max_memory`` with the one before, or beyond about 24 bytes a triangle.
 
     Raises
     ------

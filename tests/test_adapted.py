@@ -232,9 +232,10 @@ def test_answers_are_the_same_before_and_after(accuracy: str, device: Device, pa
 
 @pytest.mark.thorough
 def test_of_several_parts(device: Device, paid: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (memory, target):
-        monkeypatch.setattr(module, "largest_buffer", lambda device: 10_000)
-    grid, fixed = an_open_grid(device), an_open_grid(device, adapt=False)
+    with monkeypatch.context() as patch:
+        for module in (memory, target):
+            patch.setattr(module, "largest_buffer", lambda device: 10_000)
+        grid, fixed = an_open_grid(device), an_open_grid(device, adapt=False)
     assert grid.stats.parts > 1
     assert answers(grid) == answers(fixed)
     assert grid.adapted
