@@ -275,15 +275,14 @@ class Grid(Adapts, Shown):
         """Counts, bytes and seconds."""
         if not self.mesh.triangle_count:
             return NO_STATS
-        parts = self.parts
-        if not parts and self._stats is not None:
-            return self._stats[1]  # of a released one
-        parts = parts or self.standing
-        if self._stats is None or self._stats[0] is not parts:
-            lists = [part.lists for part in parts]
-            made = stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
-            self._stats = parts, made
-        return self._stats[1]
+        known, parts = self._stats, self.parts
+        # A released grid has no parts, but what was known of them.
+        if known is not None and (known[0] is parts or not parts):
+            return known[1]
+        lists = [part.lists for part in parts or self.standing]
+        made = stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
+        self._stats = parts, made
+        return made
 
     def _headline(self) -> str:
         how = f"{self.layout}, {self.accuracy}, on {self.device.label}"
