@@ -235,6 +235,10 @@ class Allocator:
         self._spare = []
         self.start_again()
 
+    def keep_only(self, *buffers: Any) -> None:
+        """Forget all buffers but these and spare ones: each goes with the last that refers to it."""
+        self.in_use = sum(buffer.size for buffer in (*buffers, *self._spare))
+
     def start_again(self) -> None:
         """Forget what an abandoned build had in use: it goes with the build's own variables."""
         self.in_use = sum(buffer.size for buffer in self._spare)
