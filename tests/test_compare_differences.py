@@ -114,7 +114,7 @@ def test_the_heat_map_of_a_large_picture_is_coarse() -> None:
     rgba = np.zeros((height, width, 4), np.float32)
     one = Answers({}, {}, {}, rgba, zeros)
     other = Answers({}, {}, {}, rgba.copy(), zeros)
-    other.rgba[129, 299, 0], other.rgba[128, 298, 2] = 0.5, 1.0
+    other.rgba[129, 299, 0], other.rgba[129, 298, 2] = 0.5, 1.0
     found = heat_map(one, other)
     assert found is not None
     assert (found.width, found.height, found.block) == (100, 44, 3)
