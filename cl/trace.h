@@ -17,6 +17,7 @@
 #define STAGE_STOP 10u
 #define STAGE_ALL 11u
 #define STAGE_HIT 12u
+#define STAGE_START 13u
 
 typedef struct {
     __global ulong *words;
@@ -64,12 +65,20 @@ void put_ticks(Trace *trace, const Ticks *ticks)
 
 void trace_ray_itself(Trace *trace, const Ray *ray)
 {
-    begin_record(trace, STAGE_RAY, 10, 0);
+    begin_record(trace, STAGE_RAY, 2, 0);
     put(trace, ray->valid);
+    put(trace, ray->reaches);
+#ifdef RUNG_EXACT
+    const bool starts = ray->reaches && !ray->astray;
+#else
+    const bool starts = ray->reaches;
+#endif
+    if (!starts)
+        return;
+    begin_record(trace, STAGE_START, 8, 0);
+    put_double(trace, ray->t_unit);
     for (int a = 0; a < 3; ++a)
         put_real(trace, ray->direction[a]);
-    put_double(trace, ray->t_unit);
-    put(trace, ray->reaches);
     put_double(trace, ray->t_entry);
     for (int a = 0; a < 3; ++a)
         put_real(trace, ray->origin[a]);

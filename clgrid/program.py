@@ -205,7 +205,7 @@ def _fetch(variant: _Variant, name: str) -> Any:
         variant.device, variant.file, variant.options, structs.declarations(), name, known
     )
     if known is None:
-        foreign = variant.digest if os.environ.get("CLGRID_KERNELS") else ""
+        foreign = variant.digest if _folder_of(variant.file) != own_source_folder() else ""
         _builds.append(Build(variant.device, variant.file, variant.options, foreign))
     _programs[variant] = program
     return found
@@ -251,7 +251,7 @@ def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -
     """
     _make_ready(device)
     cl = registration.opencl()
-    folder = source_folder()
+    folder = _folder_of(file)
     source = f'{prologue}#line 1 "{file}"\n{(folder / file).read_text(encoding="utf-8")}'
     arguments = ["-I", str(include_folder(folder)), f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
     with warnings.catch_warnings():
@@ -262,6 +262,16 @@ def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -
         except cl.Error as error:
             what = _first_error(str(error))
             raise DeviceError(f"{file} does not compile on {device.label}: {what}") from error
+
+
+def _folder_of(file: str) -> Path:
+    """Where a file is taken from: clgrid's own folder, if it and all it includes are the same there.
+
+    The folder's path is part of the keys of drivers' caches.
+    """
+    folder, own = source_folder(), own_source_folder()
+    same = folder != own and (own / file).is_file() and _digest_of(own / file) == _digest(file)
+    return own if same else folder
 
 
 def _make_ready(device: Device) -> None:
@@ -309,8 +319,12 @@ def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
 @functools.cache
 def _digest(file: str) -> str:
     """Digest of ``file``, every file that it includes, directly or not, and ``build_options``."""
+    return _digest_of(source_folder() / file)
+
+
+def _digest_of(source: Path) -> str:
     digest = hashlib.sha256("".join(f"{option}\0" for option in build_options()).encode())
-    for path in _reachable(source_folder() / file):
+    for path in _reachable(source):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
@@ -332,7 +346,7 @@ def _reachable(path: Path) -> list[Path]:
         if not current.is_file():
             raise DeviceError(f"kernel source {current} is missing: reinstall clgrid")
         found.append(current)
-        waiting += [source_folder() / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
+        waiting += [current.parent / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
     return found
 
 

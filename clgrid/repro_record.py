@@ -131,7 +131,7 @@ class Difference(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     Attributes
     ----------
     stage : str
-        Of the ray's way: ``ray``, ``shear``, ``entry``, ``cell``, ``triangle``, ``hit`` and so on.
+        Of the ray's way: ``start``, ``shear``, ``entry``, ``cell``, ``triangle``, ``hit`` and so on.
     value : str
         Its name there.
     type : str

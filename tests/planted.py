@@ -5,17 +5,18 @@ from __future__ import annotations
 from clgrid import selftest
 from clgrid.device import Device
 from clgrid.locate import Finding, Side, locate
+from clgrid.mesh import Mesh
 from clgrid.program import own_source_folder
 from clgrid.repro_record import ReproGrid, ReproRay
 
 MESH = selftest.mesh()
 GRID = ReproGrid(layout="compact", accuracy="robust", resolution=(8, 8, 8))
 CONTRACTION = "contraction: a product and a sum rounded once (fma)"
-# Rays of the self-test whose answers change: to misses, and to another triangle.
+# Rays of the self-test whose answers change: two to misses, the third to another triangle.
 CONTRACTED_RAY, EDGES_RAY, SHEAR_RAY = 99, 53, 17
 
 
-def ray(number: int) -> ReproRay:
+def aimed(number: int) -> ReproRay:
     """A ray of the self-test: aimed at a vertex, an edge or a face of the mesh."""
     origins, directions = selftest.rays(MESH)
     return ReproRay.of(origins[number], directions[number])
@@ -76,6 +77,11 @@ def late_hits() -> dict[str, str]:
     )
 
 
-def found(device: Device, number: int, kernels: dict[str, str], grid: ReproGrid = GRID) -> Finding:
+def wrong() -> dict[str, str]:
+    """Three faults, each on rays of its own: kernels with all of them are compiled once."""
+    return fused_edges() | reciprocal_shear() | late_hits()
+
+
+def found(device: Device, ray: ReproRay, kernels: dict[str, str], mesh: Mesh = MESH) -> Finding:
     """Where a device with other kernels parts from itself."""
-    return locate(MESH, grid, ray(number), (Side(device.label), Side(device.label, kernels=kernels)))
+    return locate(mesh, GRID, ray, (Side(device.label), Side(device.label, kernels=kernels)))

@@ -59,11 +59,17 @@ def traced(device: Device, mesh: Mesh, asked: ReproGrid, origin: object, directi
 
 
 CASES = [
-    *((accuracy, "compact", False) for accuracy in LOSSLESS),
-    ("robust", "compact", True),
+    ("robust", "compact", False),
+    ("precise", "hashed", False),
+    ("exact", "nested", False),
     *(
-        ("robust", layout, False)
-        for layout in ("hashed", "nested", "nested-hashed", "linked-list", "dynamic-array")
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (
+            ("robust", "compact", True),
+            ("robust", "nested-hashed", False),
+            ("robust", "linked-list", False),
+            ("robust", "dynamic-array", False),
+        )
     ),
 ]
 
@@ -86,7 +92,7 @@ def test_a_trace_ends_at_the_hit_of_the_cast_and_each_operation_is_as_the_table_
             )
             assert (seen.audit.off, seen.audit.off_as) == (0, ())
             checked.append(seen.audit.checked)
-        assert min(checked[:4]) > 60
+        assert min(checked[:4]) > 30
         assert checked[4] < 30
 
 
@@ -132,8 +138,8 @@ def test_operations_name_only_what_is_known_before_them(rung: str) -> None:
             if not value.operation.startswith(":"):
                 assert set(names_of(value.operation)) <= known, (stage.name, value.name)
             known.add(value.name)
-        if stage.name == "shear":
-            known |= {f"{row}_k{a}" for row in ("origin", "direction") for a in "xyz"}
+            if value.name == "kz":
+                known |= {f"{row}_k{a}" for row in ("origin", "direction") for a in "xyz"}
 
 
 def test_frames_of_setting_are_those_of_the_mesh() -> None:
@@ -154,9 +160,10 @@ def test_frames_of_setting_are_those_of_the_mesh() -> None:
     assert of.cell_at(24) is None
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_contraction_is_located_told_and_counted(device: Device) -> None:
-    located = planted.found(device, planted.CONTRACTED_RAY, planted.contracted()).located
+    located = planted.found(device, planted.aimed(planted.CONTRACTED_RAY), planted.contracted()).located
     first = located.difference
     assert located.kind == OPERATION
     assert first is not None
@@ -168,14 +175,14 @@ def test_contraction_is_located_told_and_counted(device: Device) -> None:
     assert planted.CONTRACTION in other.off_as
     assert planted.CONTRACTION in located.where
     assert list(other.kernels) == ["config.h"]
-    assert all("CLGRID_KERNELS=" in line for line in other.compiled)
+    assert all("CLGRID_KERNELS=" in line for line in other.compiled if line.startswith(("cast", "trace")))
     assert not any("CLGRID_KERNELS=" in line for line in clean.compiled)
     assert clean.alone != other.alone
 
 
 @pytest.mark.thorough
 def test_contracted_edge_functions_are_located_in_cell_and_triangle(device: Device) -> None:
-    located = planted.found(device, planted.EDGES_RAY, planted.fused_edges()).located
+    located = planted.found(device, planted.aimed(planted.EDGES_RAY), planted.wrong()).located
     first, decision = located.difference, located.decision
     assert first is not None
     assert first.stage == "triangle"
@@ -195,7 +202,7 @@ def test_contracted_edge_functions_are_located_in_cell_and_triangle(device: Devi
 
 @pytest.mark.thorough
 def test_another_shear_constant_is_located_before_any_cell(device: Device) -> None:
-    located = planted.found(device, planted.SHEAR_RAY, planted.reciprocal_shear()).located
+    located = planted.found(device, planted.aimed(planted.SHEAR_RAY), planted.wrong()).located
     first = located.difference
     assert first is not None
     assert (first.stage, first.value, first.cell, first.triangle) == ("shear", "sx", None, None)
@@ -207,19 +214,22 @@ def test_another_shear_constant_is_located_before_any_cell(device: Device) -> No
 
 @pytest.mark.thorough
 def test_what_no_trace_shows_is_told_as_the_kernels_own(device: Device) -> None:
-    located = planted.found(device, planted.EDGES_RAY, planted.late_hits()).located
+    # Of small integers, so that no product is rounded, and contraction changes nothing.
+    corners = np.array([[-4, -4, 2], [4, -4, 2], [0, 4, 2]], np.float32)
+    mesh = Mesh(corners, np.arange(3, dtype=np.uint32).reshape(1, 3))
+    located = planted.found(device, ReproRay.of((0.5, 0.25, -1), (0, 0, 1)), planted.wrong(), mesh).located
     assert (located.kind, located.difference, located.differing) == (KERNEL, None, 0)
     one, other = located.sides
     assert float.fromhex(other.alone.t) == 2 * float.fromhex(one.alone.t)
     assert "cast_closest.cl" in located.where
     assert "another compilation" in located.where
     assert (one.traced, other.traced) == (one.alone, one.alone)
-    assert located.where.endswith("with another rays_in_out.h not what the trace ends with")
+    assert located.where.endswith("rays_in_out.h not what its trace has")
 
 
 def test_devices_agree(all_devices: list[Device]) -> None:
     one, other = (Side(device.label) for device in all_devices[:2])
-    located = locate(BALL, planted.GRID, planted.ray(planted.EDGES_RAY), (one, other)).located
+    located = locate(BALL, planted.GRID, planted.aimed(planted.EDGES_RAY), (one, other)).located
     assert (located.kind, located.difference, located.differing) == (NONE, None, 0)
     assert [side.off for side in located.sides] == [0, 0]
     assert located.sides[0].alone == located.sides[1].alone == located.sides[0].together
@@ -228,7 +238,7 @@ def test_devices_agree(all_devices: list[Device]) -> None:
 
 
 def test_a_side_that_fails_is_told_in_one_line(device: Device) -> None:
-    good, ray = Side(device.label), planted.ray(0)
+    good, ray = Side(device.label), planted.aimed(0)
     with pytest.raises(DeviceError, match="no OpenCL device matches 'no such device'"):
         locate(BALL, planted.GRID, ray, (good, Side("no such device")))
     with pytest.raises(DeviceError, match="takes more than 0 s") as caught:
@@ -247,16 +257,16 @@ def test_a_side_whose_process_dies_is_told(device: Device, monkeypatch: pytest.M
     code = "import os, sys; sys.stderr.write('the driver gave up\\n'); os.abort()"
     monkeypatch.setattr(probe, "child_command", lambda *words: [__import__("sys").executable, "-c", code])
     with pytest.raises(DeviceError, match=r"killed by SIGABRT\): the driver gave up"):
-        locate(BALL, planted.GRID, planted.ray(0), (Side(device.label), Side(device.label)))
+        locate(BALL, planted.GRID, planted.aimed(0), (Side(device.label), Side(device.label)))
 
 
 def test_what_promises_nothing_is_not_located() -> None:
     fast = ReproGrid(layout="compact", accuracy="fast", resolution=(2, 2, 2))
     with pytest.raises(InputError, match="fast promises no bits"):
-        locate(BALL, fast, planted.ray(0), (Side("a"), Side("b")))
+        locate(BALL, fast, planted.aimed(0), (Side("a"), Side("b")))
     empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
     with pytest.raises(InputError, match="no triangles"):
-        locate(empty, planted.GRID, planted.ray(0), (Side("a"), Side("b")))
+        locate(empty, planted.GRID, planted.aimed(0), (Side("a"), Side("b")))
 
 
 def test_a_trace_that_is_none_is_refused() -> None:

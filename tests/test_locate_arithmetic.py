@@ -103,8 +103,10 @@ def test_a_contracted_product_is_told_from_a_rounded_one() -> None:
 
 
 def test_a_reciprocal_is_told_from_a_quotient() -> None:
-    names = numbers("float", x=0.3, z=0.7)
-    value = Fraction(float(F32(0.3) * (F32(1) / F32(0.7))))
+    x, z = F32(0.3), F32(0.9)
+    value = Fraction(float(x * (F32(1) / z)))
+    assert value != Fraction(float(x / z))
+    names = numbers("float", x=x, z=z)
     ways = consistent("s = float(double(x) / double(z))", names, "float", value)
     assert ways == ("a product with a reciprocal in float32 in place of a quotient",)
 

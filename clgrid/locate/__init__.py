@@ -11,8 +11,8 @@ runs that (``repro``).
 
 from __future__ import annotations
 
-from clgrid.locate.locate import Finding as Finding
-from clgrid.locate.locate import locate as locate
+from clgrid.locate.finding import Finding as Finding
+from clgrid.locate.finding import locate as locate
 from clgrid.locate.repro import read_repro as read_repro
 from clgrid.locate.repro import replay as replay
 from clgrid.locate.repro import write_repro as write_repro

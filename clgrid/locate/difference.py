@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import zip_longest
 
 from clgrid.locate.arithmetic import CORRECT, Number, consistent, names_of
@@ -36,12 +37,15 @@ class Found:
     decision: Difference | None = None
     differing: int = 0
 
-    def note(self, difference: Difference) -> None:
-        """One more."""
+    def note(self, kind: str, difference: Callable[[], Difference]) -> None:
+        """One more, of this type; others than the first are only counted, since to tell takes time."""
         self.differing += 1
-        self.first = self.first or difference
-        if self.decision is None and difference.type in _DECIDED:
-            self.decision = difference
+        decided = self.decision is None and kind in _DECIDED
+        if self.first is not None and not decided:
+            return
+        told = difference()
+        self.first = self.first or told
+        self.decision = told if decided else self.decision
 
 
 @dataclass
@@ -138,13 +142,13 @@ def compare(one: Sequence[Record], other: Sequence[Record], setting: Setting) ->
     found, ways = Found(), (Way.start(setting), Way.start(setting))
     for left, right in zip_longest(one, other):
         if left is None or right is None or (left.stage, left.item) != (right.stage, right.item):
-            found.note(_parting(ways[0], left, right))
+            found.note(COURSE, partial(_parting, ways[0], left, right))
             break
         for way, record in zip(ways, (left, right), strict=True):
             way.arrive(record)
         for value, a, b in zip(left.stage.values, left.bits, right.bits, strict=True):
             if a != b:
-                found.note(_difference(ways, left, value, a, b))
+                found.note(value.type, partial(_difference, ways, left, value, a, b))
             ways[0].learn(value, a)
             ways[1].learn(value, b)
     return found

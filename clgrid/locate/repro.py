@@ -9,7 +9,7 @@ import msgspec
 from clgrid import cache, record
 from clgrid.errors import ClgridError, InputError
 from clgrid.locate import meshes
-from clgrid.locate.locate import Finding, locate
+from clgrid.locate.finding import Finding, locate
 from clgrid.locate.sides import TIMEOUT_SECONDS, Side
 from clgrid.repro_record import NONE, Difference, Located, ReplayRecord, ReproMesh, ReproRecord, SideRecord
 

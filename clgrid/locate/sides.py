@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from clgrid import cache, probe, program
+from clgrid import cache, device, probe, program
 from clgrid.errors import DeviceError, InputError
 from clgrid.locate import child
 from clgrid.locate.trace import Words
@@ -81,6 +81,8 @@ def ask(
     ClgridError
         If a grid cannot be built.
     """
+    for side in sides:
+        device.choose(side.device)
     with tempfile.TemporaryDirectory(prefix="clgrid-locate-") as folder:
         places = [Path(folder) / str(number) for number in range(len(sides))]
         for place, side in zip(places, sides, strict=True):

@@ -77,7 +77,18 @@ def _along(a: str, *lines: str) -> str:
     return "\n".join(line.format(a=a) for line in lines)
 
 
-def _ray(wide: bool) -> Stage:
+_RAY = Stage(
+    1,
+    "ray",
+    "ray",
+    (
+        Value("valid", BOOL, ": the ray is finite and has a direction"),
+        Value("reaches", BOOL, ": the ray comes near the mesh"),
+    ),
+)
+
+
+def _start(wide: bool) -> Stage:
     direction = "direction_{a} = d_{a}" if wide else "direction_{a} = float(d_{a})"
     start = (
         (_LOCAL_O, _LOCAL_D, *_REST, *_POINT_AT)
@@ -87,15 +98,11 @@ def _ray(wide: bool) -> Stage:
     near = _each(_LOCAL_O, _LOCAL_D, _NEAR)
     far = "farthest = max(abs(o_x), abs(o_y), abs(o_z))"
     entry = "t_entry = max(near_x, near_y, near_z) if farthest > START_LIMIT else 0.0"
-    values = [Value("valid", BOOL, ": the ray is finite and has a direction")]
+    values = [Value("t_unit", DOUBLE, "t_unit = inverse_scale * first_factor * second_factor")]
     values += [Value(f"direction_{a}", REAL, _along(a, _LOCAL_D, direction)) for a in _AXES]
-    values += [
-        Value("t_unit", DOUBLE, "t_unit = inverse_scale * first_factor * second_factor"),
-        Value("reaches", BOOL, ": the ray comes near the mesh"),
-        Value("t_entry", DOUBLE, f"{near}\n{far}\n{entry}"),
-    ]
+    values += [Value("t_entry", DOUBLE, f"{near}\n{far}\n{entry}")]
     values += [Value(f"origin_{a}", REAL, _along(a, *start)) for a in _AXES]
-    return Stage(1, "ray", "ray", tuple(values))
+    return Stage(13, "start", "ray", tuple(values))
 
 
 def _shear(wide: bool) -> Stage:
@@ -265,7 +272,15 @@ _LAST = (
 def stages_of(rung: str, *, nested: bool) -> dict[int, Stage]:
     """The kinds of records, by number, with REAL as what it is on a strict rung."""
     wide = rung != "robust"
-    every = [_ray(wide), _shear(wide), *([_wide_shear()] if wide else []), _BOUNDS, _entry(nested), _CELL]
+    every = [
+        _RAY,
+        _start(wide),
+        _shear(wide),
+        *([_wide_shear()] if wide else []),
+        _BOUNDS,
+        _entry(nested),
+        _CELL,
+    ]
     every += [_triangle(), _finish(rung), *_LAST]
     real = DOUBLE if wide else FLOAT
     return {

@@ -171,5 +171,5 @@ def _told(found: difference.Found, first: SideRecord, second: SideRecord) -> tup
     ]
     return KERNEL, (
         f"the traces are equal, {first.values:,} values each, but cast_closest.cl, another compilation of the"
-        f" same code, is not: {_WAYS[way]} it gives {said}; {' and '.join(astray)} not what the trace ends with"
+        f" same code, is not: {_WAYS[way]} it gives {said}; {' and '.join(astray)} not what its trace has"
     )
