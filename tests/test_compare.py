@@ -230,7 +230,7 @@ def test_the_command_line(device: Device, run: Run, tmp_path: Path) -> None:
     assert json.loads(out)["schema"] == "clgrid.compare/1"
     code, out, err = run("cube", *two, *small)
     assert (code, err) == (0, "")
-    for words in ("1 of", "fission", "structured", "where answers differ", "robust", "same"):
+    for words in ("1 of", "fission", "structured", "what differs", "robust", "same"):
         assert words in out or (words in ("1 of", "fission") and device.description.compute_units == 1)
     assert list(tmp_path.iterdir()) == []
 
