@@ -77,14 +77,9 @@ def late_hits() -> dict[str, str]:
     )
 
 
-def loose() -> dict[str, str]:
-    """Two faults, each on rays of its own; kernels with both are compiled once."""
-    return contracted() | reciprocal_shear()
-
-
 def wrong() -> dict[str, str]:
-    """Two others."""
-    return fused_edges() | late_hits()
+    """Three faults, each on rays of its own: kernels with all of them are compiled once."""
+    return fused_edges() | reciprocal_shear() | late_hits()
 
 
 def found(device: Device, ray: ReproRay, kernels: dict[str, str], mesh: Mesh = MESH) -> Finding:

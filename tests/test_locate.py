@@ -92,8 +92,8 @@ def test_a_trace_ends_at_the_hit_of_the_cast_and_each_operation_is_as_the_table_
             )
             assert (seen.audit.off, seen.audit.off_as) == (0, ())
             checked.append(seen.audit.checked)
-        assert min(checked[:4]) > 60
-        assert checked[4] == 0  # it never comes near the mesh
+        assert min(checked[:4]) > 30
+        assert checked[4] < 30
 
 
 def constant(name: str, value: str) -> float:
@@ -160,9 +160,10 @@ def test_frames_of_setting_are_those_of_the_mesh() -> None:
     assert of.cell_at(24) is None
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_contraction_is_located_told_and_counted(device: Device) -> None:
-    located = planted.found(device, planted.aimed(planted.CONTRACTED_RAY), planted.loose()).located
+    located = planted.found(device, planted.aimed(planted.CONTRACTED_RAY), planted.contracted()).located
     first = located.difference
     assert located.kind == OPERATION
     assert first is not None
@@ -173,8 +174,8 @@ def test_contraction_is_located_told_and_counted(device: Device) -> None:
     assert other.off > 10
     assert planted.CONTRACTION in other.off_as
     assert planted.CONTRACTION in located.where
-    assert sorted(other.kernels) == ["config.h", "shear.h"]
-    assert all("CLGRID_KERNELS=" in line for line in other.compiled if "_ray" in line or "cast" in line)
+    assert list(other.kernels) == ["config.h"]
+    assert all("CLGRID_KERNELS=" in line for line in other.compiled if line.startswith(("cast", "trace")))
     assert not any("CLGRID_KERNELS=" in line for line in clean.compiled)
     assert clean.alone != other.alone
 
@@ -201,7 +202,7 @@ def test_contracted_edge_functions_are_located_in_cell_and_triangle(device: Devi
 
 @pytest.mark.thorough
 def test_another_shear_constant_is_located_before_any_cell(device: Device) -> None:
-    located = planted.found(device, planted.aimed(planted.SHEAR_RAY), planted.loose()).located
+    located = planted.found(device, planted.aimed(planted.SHEAR_RAY), planted.wrong()).located
     first = located.difference
     assert first is not None
     assert (first.stage, first.value, first.cell, first.triangle) == ("shear", "sx", None, None)
@@ -223,7 +224,7 @@ def test_what_no_trace_shows_is_told_as_the_kernels_own(device: Device) -> None:
     assert "cast_closest.cl" in located.where
     assert "another compilation" in located.where
     assert (one.traced, other.traced) == (one.alone, one.alone)
-    assert located.where.endswith("with another rays_in_out.h not what its trace has")
+    assert located.where.endswith("rays_in_out.h not what its trace has")
 
 
 def test_devices_agree(all_devices: list[Device]) -> None:

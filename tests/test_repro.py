@@ -60,7 +60,7 @@ def test_a_difference_is_written_small_and_replayed(
 
     code, out, err = run("repro", str(path))
     assert (code, out) == (1, "")
-    assert "brings kernel sources of its own (rays_in_out.h, triangle_robust.h)" in err
+    assert "brings kernel sources of its own (rays_in_out.h, shear.h, triangle_robust.h)" in err
     assert err.count("\n") == 1
 
     code, out, err = run("repro", str(path), "--trust", "--json")

@@ -320,21 +320,17 @@ def _scene_table(result: CompareRecord, scene: str) -> Table:
 def _pair_table(scene: str, pairs: list[ComparePair]) -> Table:
     from rich.text import Text
 
-    kinds = list(dict.fromkeys(kind.kind for pair in pairs for kind in pair.rays))
-    numbers = (
-        "devices",
-        "grids",
-        *(f"{kind} rays" for kind in kinds),
-        "flips",
-        "t ulps",
-        "pixels",
-        "largest",
+    # All devices cast the same rays.
+    kinds = {kind.kind: kind.rays for kind in pairs[0].rays}
+    rays = (f"{kind} rays of {count:,}" for kind, count in kinds.items())
+    of_image = (f"pixels of {pairs[0].image.pixels:,}", "largest", "PSNR", "FLIP")
+    table = _table(
+        f"{scene}: what differs", "accuracy", ("devices", "grids", *rays, "flips", "t ulps", *of_image)
     )
-    table = _table(f"{scene}: where answers differ", "accuracy", (*numbers, "PSNR", "FLIP"))
     last = None
     for pair in pairs:
         colour = "" if pair.equal else "red" if pair.promised else "yellow"
-        of_kind = {each.kind: f"{each.differing:,} of {each.rays:,}" for each in pair.rays}
+        of_kind = {each.kind: f"{each.differing:,}" for each in pair.rays}
         image = pair.image
         table.add_row(
             "" if pair.accuracy == last else pair.accuracy,
@@ -343,7 +339,7 @@ def _pair_table(scene: str, pairs: list[ComparePair]) -> Table:
             *(Text(of_kind.get(kind, "-"), style=colour) for kind in kinds),
             f"{sum(each.only_first + each.only_second for each in pair.rays):,}",
             f"{max((each.t_ulps for each in pair.rays), default=0.0):.3g}",
-            f"{image.differing:,} of {image.pixels:,}",
+            f"{image.differing:,}",
             f"{image.largest:.3g}",
             "-" if image.psnr is None else f"{image.psnr:.1f} dB",
             "-" if image.perceptual is None else f"{image.perceptual:.2g}",

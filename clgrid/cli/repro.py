@@ -66,9 +66,13 @@ def _pair(devices: str | None) -> tuple[str, str] | None:
 
 
 def _emit(replayed: ReplayRecord) -> None:
+    from clgrid.locate.wording import sentence
+
     found, grid = replayed.found, replayed.found.grid
     rows = [("found", _OUTCOMES[replayed.outcome])]
     rows += [("where", found.where)]
+    if found.decision is not None and found.decision != found.difference:
+        rows += [("first decision", sentence(found.decision, found.sides))]
     if replayed.outcome == "another":
         rows += [("in the file", replayed.expected.where)]
     cells = "x".join(str(n) for n in grid.resolution)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -62,12 +63,19 @@ def ray_differences(first: Answers, second: Answers, kind: str, accuracy: str) -
 
 def most_ulps(first: npt.NDArray[Any], second: npt.NDArray[Any], real: type[np.floating[Any]]) -> float:
     """The largest difference, in last places that the larger number has as a ``real``; 0 of none."""
-    a, b = first.astype(np.float64), second.astype(np.float64)
+    away = distances(first, second)
+    # Two that are not a number are alike, and have no last place.
+    apart = away > 0
     with np.errstate(over="ignore"):
-        larger = np.maximum(np.abs(a), np.abs(b)).astype(real)
+        larger = np.maximum(np.abs(first[apart]), np.abs(second[apart])).astype(real)
     # That of the largest number of all is beyond what numpy can tell.
-    last = np.spacing(np.minimum(larger, np.finfo(real).max / 2)).astype(np.float64)
-    return float((distances(a, b) / last).max(initial=0.0))
+    last = np.spacing(np.fmin(larger, np.finfo(real).max / 2)).astype(np.float64)
+    return _finite(float((away[apart] / last).max(initial=0.0)))
+
+
+def _finite(value: float) -> float:
+    """The number, or the largest there is: JSON has no infinite ones."""
+    return min(value, sys.float_info.max)
 
 
 def image_differences(first: Answers, second: Answers) -> ImageDifferences:
@@ -80,9 +88,9 @@ def image_differences(first: Answers, second: Answers) -> ImageDifferences:
         pixels=seen.pixels,
         differing=seen.differing,
         ids=int(np.count_nonzero(first.primitive_id != second.primitive_id)),
-        largest=colours.largest,
-        mean=colours.mean,
-        psnr=colours.psnr,
+        largest=_finite(colours.largest),
+        mean=_finite(colours.mean),
+        psnr=None if colours.psnr is None else max(colours.psnr, -sys.float_info.max),
         perceptual=mean,
         largest_perceptual=most,
         measure=FLIP,
@@ -107,7 +115,7 @@ def heat_map(first: Answers, second: Answers) -> HeatMap | None:
         height=counts.shape[0],
         block=block,
         rays=counts.astype(np.int64).ravel().tolist(),
-        image=[float(f"{value:.3g}") for value in colours.ravel().tolist()],
+        image=[_finite(float(f"{value:.3g}")) for value in colours.ravel().tolist()],
     )
 
 

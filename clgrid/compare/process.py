@@ -36,6 +36,9 @@ from clgrid.record import DeviceRecord
 Command = Callable[[str, Path], list[str]]
 """Of a selector and the file of an order: the words of a command line."""
 
+Rows = dict[tuple[int, str], CompareRow]
+"""By the number of the scene and the rung."""
+
 # What processes say that had no memory left and aborted.
 _NO_MEMORY = ("bad_alloc", "out of memory", "Cannot allocate memory", "MemoryError")
 # What the system sends, where the parent did not.
@@ -56,7 +59,7 @@ class Seen:
     step: str = "start"
     arithmetic: list[ArithmeticRecord] = field(default_factory=list)
     speed: SpeedRecord | None = None
-    rows: dict[tuple[int, str], CompareRow] = field(default_factory=dict)
+    rows: Rows = field(default_factory=dict)
     failures: list[RungFailure] = field(default_factory=list)
     last: messages.Refused | messages.NoMemory | messages.Finished | None = None
 
@@ -85,13 +88,13 @@ def run(
     time_limit: float,
     progress: Callable[[str], None],
     command: Command = default_command,
-) -> tuple[CompareDevice, dict[tuple[int, str], CompareRow]]:
+) -> tuple[CompareDevice, Rows]:
     """Run a device's process to its end, or to its time limit.
 
     Returns
     -------
     device : CompareDevice
-    rows : dict of (scene, accuracy) to CompareRow
+    rows : Rows
         Those whose arrays are in the folder.
     """
     folder = Path(order.folder)

@@ -17,7 +17,7 @@ from clgrid.compare.host import host_record
 from clgrid.compare.locating import Replays
 from clgrid.compare.messages import Order, View
 from clgrid.compare.plan import Part, Plan, parts_of
-from clgrid.compare.process import Command, default_command, run
+from clgrid.compare.process import Command, Rows, default_command, run
 from clgrid.compare_record import COMPLETED, CompareDevice, ComparePair, CompareRecord, CompareRow
 from clgrid.errors import ClgridError
 from clgrid.record import Failure
@@ -26,7 +26,6 @@ from clgrid.rungs import RUNGS
 from clgrid.scene import load_scene
 
 Progress = Callable[[str], None]
-Rows = dict[tuple[int, str], CompareRow]
 
 
 def compare(
@@ -72,7 +71,8 @@ def compare(
     scenes, views, failures = _scenes(names, plan, progress)
     devices: list[CompareDevice] = []
     with tempfile.TemporaryDirectory(prefix="clgrid-compare-") as place:
-        folder, rows = Folder(Path(place)), []
+        folder = Folder(Path(place))
+        rows: list[Rows] = []
         for number, part in enumerate(parts if scenes else ()):
             order = _order(part, number, scenes, views, place, plan)
             told = lambda step, part=part: progress(f"{part.label}: {step}")  # noqa: E731
