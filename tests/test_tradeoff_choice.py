@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clgrid.tradeoff.choose import FAST_PAYS, MARGIN, Candidate, choose, choose_by
-from clgrid.tradeoff.contest import FEW, FEWEST_LAST_TURNS, MOST_TURNS, OF_RUNG, TURNS, Contest
+from clgrid.tradeoff.contest import FEW, FEWEST_LAST_TURNS, LEAST_TURNS, MOST_TURNS, OF_RUNG, TURNS, Contest
 from clgrid.tradeoff.front import front
 from clgrid.tradeoff.intervals import CONFIDENCE, incomplete_beta, median_interval, rate_most
 from clgrid.tradeoff.turns import Turns, medians
@@ -272,8 +272,8 @@ def test_a_short_time_is_kept() -> None:
     machine.contest.run(3.0)
     assert min(machine.measured) >= 1
     # A turn of all takes 2.2 s, and each stage has one; the last has more where there is time.
-    assert machine.now < 7.0
-    assert max(machine.measured) == 4
+    assert machine.now < 10.0
+    assert max(machine.measured) == 3 + LEAST_TURNS
 
 
 def test_the_order_of_a_turn_changes_from_turn_to_turn() -> None:

@@ -143,6 +143,9 @@ class PaintedEasel:
         self._drawn = point
         return PaintedGrid(int(100 * point.density))
 
+    def build_for_rays(self, accuracy: str) -> PaintedGrid:
+        return PaintedGrid(1)
+
     def draw(self, grid: PaintedGrid, samples: int | None) -> Any:
         assert self._drawn is not None
         self.now += 20.0 if self._drawn.layout == self._slow else 0.1
@@ -162,8 +165,6 @@ class PaintedEasel:
 
 
 class PaintedReference:
-    recipe = ("nested", 0.5)
-
     def __init__(self) -> None:
         self.asked = 0
 

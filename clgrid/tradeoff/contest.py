@@ -27,8 +27,8 @@ FEW = 8
 """Points that the halving leaves."""
 OF_RUNG = 2
 """The fastest of each rung that stay beside them, to choose the rung by and to be named for comparison."""
-MOST_TURNS, FEWEST_LAST_TURNS = 60, 15
-"""Of the last stage."""
+MOST_TURNS, FEWEST_LAST_TURNS, LEAST_TURNS = 60, 15, 5
+"""Of the last stage; the least are taken even if the time is over."""
 ENOUGH = 0.99
 """Support at which a choice stands."""
 
@@ -80,7 +80,7 @@ class Contest:
         self._progress = progress
 
     def run(self, seconds: float) -> Choice:
-        """Take turns for about so long, at least one of each stage, and choose."""
+        """Take turns for about so long, at least one of each stage and some of the last, and choose."""
         start = self._clock()
         self._turn(range(len(self.candidates)), 0)
         contenders, stage = self._hopeful(), 1
@@ -134,8 +134,10 @@ class Contest:
 
     def _last_stage(self, contenders: Sequence[int], stage: int, until: float) -> None:
         for turn in range(MOST_TURNS):
+            if turn >= LEAST_TURNS and self._clock() > until:
+                return
             looked_at = turn >= FEWEST_LAST_TURNS and turn % _LOOK_EVERY == 0
-            if (turn and self._clock() > until) or (looked_at and self._choice(contenders).support >= ENOUGH):
+            if looked_at and self._choice(contenders).support >= ENOUGH:
                 return
             self._turn(contenders, stage)
 

@@ -14,22 +14,20 @@ from clgrid.procedural import cube
 from clgrid.renderer import warm_up
 from clgrid.rungs import RUNGS
 from clgrid.structured import Aim
-from clgrid.tradeoff.survey import Easel
+from clgrid.tradeoff.survey import RAYS_LAYOUT, Easel
 from clgrid.verify import compared_fields, well_inside
 
 Progress = Callable[[str, float | None], None]
 
 
-def compile_all(
-    easel: Easel, auto_layout: str, reference_layout: str, *, closed: bool, progress: Progress
-) -> list[float]:
+def compile_all(easel: Easel, auto_layout: str, *, closed: bool, progress: Progress) -> list[float]:
     """Compile all variants; the seconds of each rung and layout.
 
     Parameters
     ----------
     easel : Easel
-    auto_layout, reference_layout : str
-        Of the grid that the reference's picture is drawn from, and of that which its rays go through.
+    auto_layout : str
+        Of the grid that the reference's picture is drawn from.
     closed : bool
         Whether points inside of the mesh will be looked for.
     progress : callable
@@ -49,7 +47,7 @@ def compile_all(
         # One grid speaks for a rung that no grid changes.
         if not lossless or accuracy not in shown or (accuracy, layout) == ("exact", auto_layout):
             warm_up(device, ("id",), smooth=smooth, layout=layout, accuracy=accuracy, density=1.0)
-            _answers(device, accuracy, reference_layout if lossless else layout)
+            _answers(device, accuracy, RAYS_LAYOUT if lossless else layout)
             shown.add(accuracy)
         taken.append(time.perf_counter() - start)
     if closed:

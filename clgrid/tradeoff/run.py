@@ -106,15 +106,15 @@ def tradeoff(
     easel = Easel(scene, plan, view, device)
     progress("choose a grid", None)
     start = time.perf_counter()
-    auto, recipe = easel.auto(for_view=True), easel.auto(for_view=False)
+    auto = easel.auto()
     compiled = [time.perf_counter() - start]
-    compiled += compile_all(easel, auto[0], recipe[0], closed=not open_edges(mesh), progress=progress)
+    compiled += compile_all(easel, auto[0], closed=not open_edges(mesh), progress=progress)
     with spent.on("rays"):
         progress("aim rays", None)
-        reference = Reference(mesh, recipe, rays_of(mesh, plan, view, device))
+        reference = Reference(mesh, rays_of(mesh, plan, view, device))
     with spent.on("reference"):
         progress("ask the reference", None)
-        with easel.build(Point("exact", *recipe, None)) as grid:
+        with easel.build_for_rays("exact") as grid:
             reference.ask(grid)
         with easel.build(Point("exact", *auto, None)) as grid:
             ids, colours = easel.ids(grid), easel.draw(grid, max(plan.samples, default=None))

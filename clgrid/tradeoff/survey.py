@@ -23,6 +23,9 @@ from clgrid.tradeoff_record import LeftOut, PictureErrors, RayErrors
 Clock = Callable[[], float]
 Progress = Callable[[str, float | None], None]
 
+RAYS_LAYOUT = "nested"
+"""Of grids through which structured rays are cast."""
+
 # Points that take so many times as long as the fastest may be left out where the budget is short.
 _HOPELESS = 8.0
 # Share of the budget that the pass over all points should take, and of it what casts of rays may.
@@ -68,10 +71,13 @@ class Easel:
         """The grid of a point."""
         return build(self.scene.mesh, point.layout, point.density, accuracy=point.accuracy, **self.options)
 
-    def auto(self, *, for_view: bool) -> tuple[str, float]:
-        """Layout and density that "auto" takes: for the picture, or for rays from all around."""
-        options = {**self.options, **({} if for_view else {"view": None})}
-        with build(self.scene.mesh, "auto", accuracy="robust", **options) as grid:
+    def build_for_rays(self, accuracy: str) -> Grid:
+        """A grid for structured rays, which go where triangles crowd; the wish's memory does not bind it."""
+        return build(self.scene.mesh, RAYS_LAYOUT, accuracy=accuracy, device=self.device)
+
+    def auto(self) -> tuple[str, float]:
+        """Layout and density that "auto" takes for the picture."""
+        with build(self.scene.mesh, "auto", **self.options) as grid:
             return grid.layout, grid.recipe.density
 
     @property
@@ -204,7 +210,7 @@ class Survey:
     def _answers(self, point: Point, grid: Grid, cast_s: float) -> list[RayErrors]:
         if not RUNGS[point.accuracy].lossless:
             return self._reference.errors(grid, cast_s)
-        with self._easel.build(Point(point.accuracy, *self._reference.recipe, None)) as suited:
+        with self._easel.build_for_rays(point.accuracy) as suited:
             return self._reference.errors(suited, cast_s)
 
     def _picture(self, point: Point, kind: Point, ids: Ids, grid: Grid, colours: Colours) -> PictureErrors:
