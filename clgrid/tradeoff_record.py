@@ -267,7 +267,7 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     aim : (int, int, int)
         Resolution of the grid at whose planes and corners the structured rays are aimed.
     rays : int
-        Of each kind.
+        Of each kind, asked for; each ``RayErrors`` has as many as the budget allowed.
     confidence : float
         Of intervals and upper bounds.
     margin : float

@@ -31,6 +31,8 @@ METHODS = {
     "choice": choose.METHOD,
 }
 _CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "cpu": time.process_time}
+# Share of the budget that casting rays on the rung exact may have.
+_REFERENCE_SHARE = 0.1
 # Share of what is left of the budget after the survey that rational arithmetic may have.
 _RATIONAL_SHARE = 0.25
 
@@ -115,7 +117,7 @@ def tradeoff(
     with spent.on("reference"):
         progress("ask the reference", None)
         with easel.build_for_rays("exact") as grid:
-            reference.ask(grid)
+            reference.ask(grid, _REFERENCE_SHARE * plan.budget_s)
         with easel.build(Point("exact", *auto, None)) as grid:
             ids, colours = easel.ids(grid), easel.draw(grid, max(plan.samples, default=None))
     with spent.on("rational"):
