@@ -29,13 +29,14 @@ NAME = "terrain:24"
 HILLS = Scene("hills", procedural.terrain(24))
 ASKED = Plan(
     ("fast", "robust", "exact"), ("compact",), (1.0, 4.0),
-    width=48, height=48, rays=600, exact=600, seed=3, budget_s=5.0,
+    width=48, height=48, rays=600, exact=600, seed=3, budget_s=60.0,
 )  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
 def _few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(contest, "FEWEST_LAST_TURNS", 4)
+    monkeypatch.setattr(contest, "LEAST_TURNS", 3)
     monkeypatch.setattr(contest, "MOST_TURNS", 5)
 
 

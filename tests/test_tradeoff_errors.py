@@ -12,7 +12,7 @@ import pytest
 
 from clgrid.errors import GridTooLargeError, InputError
 from clgrid.rational import Crossing
-from clgrid.tradeoff.errors import Answers, against_exact_rung, against_rational, nearest_ids
+from clgrid.tradeoff.errors import Answers, Rays, against_exact_rung, against_rational, nearest_ids
 from clgrid.tradeoff.intervals import rate_most
 from clgrid.tradeoff.pictures import picture_errors, same_colours
 from clgrid.tradeoff.plan import DENSITIES, LAYOUTS, SIMPLICITY, Plan, Point, Wish
@@ -63,6 +63,12 @@ def test_without_a_right_hit_there_is_no_distance() -> None:
     assert found.distance is not None
     none = against_exact_rung("camera", TRUTH.at(first), FOUND.at(first), *[np.ones(3)] * 3)
     assert (none.rays, none.hits, none.distance) == (3, 2, None)
+
+
+def test_fewer_rays_have_what_is_left_of_the_sample() -> None:
+    rays = Rays("camera", np.zeros((9, 3)), np.ones((9, 3)), np.array([0, 1, 5, 6]))
+    few = rays.first(6)
+    assert (len(few), few.sample.tolist()) == (6, [0, 1, 5])
 
 
 def test_pictures_are_compared_pixel_by_pixel() -> None:
@@ -142,6 +148,9 @@ class PaintedEasel:
             raise GridTooLargeError("too large by far")
         self._drawn = point
         return PaintedGrid(int(100 * point.density))
+
+    def build_for_rays(self, accuracy: str) -> PaintedGrid:
+        return PaintedGrid(1)
 
     def draw(self, grid: PaintedGrid, samples: int | None) -> Any:
         assert self._drawn is not None

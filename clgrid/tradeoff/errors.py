@@ -38,6 +38,11 @@ class Rays:
     def __len__(self) -> int:
         return len(self.origins)
 
+    def first(self, count: int) -> Rays:
+        """The first of them, and what is among them of the sample."""
+        sample = self.sample[self.sample < count]
+        return Rays(self.kind, self.origins[:count], self.directions[:count], sample)
+
 
 @dataclass(frozen=True)
 class Answers:

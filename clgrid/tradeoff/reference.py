@@ -64,8 +64,10 @@ class Reference:
     asked: int = 0
     rational_s: list[float] = field(default_factory=list)
 
-    def ask(self, grid: Grid) -> None:
-        """Cast all rays through a grid of the rung ``exact``."""
+    def ask(self, grid: Grid, seconds: float, clock: Clock = time.perf_counter) -> None:
+        """Cast the rays through a grid of the rung ``exact``: all, or as many as so many seconds allow."""
+        share = seconds / len(self.rays)
+        self.rays = tuple(rays.first(_affordable(grid, rays, share, clock)) for rays in self.rays)
         for rays in self.rays:
             hits = grid.cast(rays.origins, rays.directions, fields=compared_fields(grid.rung))
             self.answers.append(Answers.of_hits(hits))

@@ -11,11 +11,10 @@ from clgrid.closed import open_edges
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.frame import LocalFrame
-from clgrid.grid import build
 from clgrid.scene import Scene
 from clgrid.tradeoff import choose, contest, front, intervals, turns, words
 from clgrid.tradeoff.contest import Contest
-from clgrid.tradeoff.plan import Plan
+from clgrid.tradeoff.plan import Plan, Point
 from clgrid.tradeoff.prepare import compile_all
 from clgrid.tradeoff.reference import Reference, rays_of
 from clgrid.tradeoff.report import Report, broken_promises, need_of, recommendation_of
@@ -32,6 +31,8 @@ METHODS = {
     "choice": choose.METHOD,
 }
 _CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "cpu": time.process_time}
+# Share of the budget that casting rays on the rung exact may have.
+_REFERENCE_SHARE = 0.1
 # Share of what is left of the budget after the survey that rational arithmetic may have.
 _RATIONAL_SHARE = 0.25
 
@@ -105,18 +106,20 @@ def tradeoff(
         raise InputError(f"{scene.name} has no triangles to draw; give another scene")
     view, spent = plan.camera(scene), _Spent()
     easel = Easel(scene, plan, view, device)
-    progress("build the reference", None)
-    standing = build(mesh, "auto", accuracy="exact", **easel.options)
-    compiled = compile_all(easel, standing.layout, closed=not open_edges(mesh), progress=progress)
+    progress("choose a grid", None)
+    start = time.perf_counter()
+    auto = easel.auto()
+    compiled = [time.perf_counter() - start]
+    compiled += compile_all(easel, auto[0], closed=not open_edges(mesh), progress=progress)
     with spent.on("rays"):
         progress("aim rays", None)
         reference = Reference(mesh, rays_of(mesh, plan, view, device))
     with spent.on("reference"):
         progress("ask the reference", None)
-        reference.ask(standing)
-        ids, colours = easel.ids(standing), easel.draw(standing, max(plan.samples, default=None))
-    auto = standing.layout, standing.recipe.density
-    standing.release()
+        with easel.build_for_rays("exact") as grid:
+            reference.ask(grid, _REFERENCE_SHARE * plan.budget_s)
+        with easel.build(Point("exact", *auto, None)) as grid:
+            ids, colours = easel.ids(grid), easel.draw(grid, max(plan.samples, default=None))
     with spent.on("rational"):
         progress("rational arithmetic", None)
         reference.ask_rationally(_RATIONAL_SHARE * (plan.budget_s - spent.total))
@@ -159,7 +162,7 @@ def tradeoff(
         rays=plan.rays,
         confidence=intervals.CONFIDENCE,
         margin=choose.MARGIN,
-        rung_margin=choose.RUNG_MARGIN,
+        fast_pays=choose.FAST_PAYS,
         methods=METHODS,
         budget_s=plan.budget_s,
         load_s=[load_s],

@@ -23,6 +23,9 @@ from clgrid.tradeoff_record import LeftOut, PictureErrors, RayErrors
 Clock = Callable[[], float]
 Progress = Callable[[str, float | None], None]
 
+RAYS_LAYOUT = "nested"
+"""Of grids through which structured rays are cast."""
+
 # Points that take so many times as long as the fastest may be left out where the budget is short.
 _HOPELESS = 8.0
 # Share of the budget that the pass over all points should take, and of it what casts of rays may.
@@ -67,6 +70,15 @@ class Easel:
     def build(self, point: Point) -> Grid:
         """The grid of a point."""
         return build(self.scene.mesh, point.layout, point.density, accuracy=point.accuracy, **self.options)
+
+    def build_for_rays(self, accuracy: str) -> Grid:
+        """A grid for structured rays, which go where triangles crowd; the wish's memory does not bind it."""
+        return build(self.scene.mesh, RAYS_LAYOUT, accuracy=accuracy, device=self.device)
+
+    def auto(self) -> tuple[str, float]:
+        """Layout and density that "auto" takes for the picture."""
+        with build(self.scene.mesh, "auto", **self.options) as grid:
+            return grid.layout, grid.recipe.density
 
     @property
     def options(self) -> dict[str, Any]:
@@ -176,7 +188,7 @@ class Survey:
         number = len(self.seen)
         if kind not in self._ids:
             self._ids[kind] = self._easel.ids(grid), number
-            errors = self._reference.errors(grid, cast_s)
+            errors = self._answers(point, grid, cast_s)
         else:
             errors = self.seen[self._ids[kind][1]].errors
         ids, errors_of = self._ids[kind]
@@ -194,6 +206,12 @@ class Survey:
                 pass_s=pass_s,
             )
         )
+
+    def _answers(self, point: Point, grid: Grid, cast_s: float) -> list[RayErrors]:
+        if not RUNGS[point.accuracy].lossless:
+            return self._reference.errors(grid, cast_s)
+        with self._easel.build_for_rays(point.accuracy) as suited:
+            return self._reference.errors(suited, cast_s)
 
     def _picture(self, point: Point, kind: Point, ids: Ids, grid: Grid, colours: Colours) -> PictureErrors:
         """Compare the picture with the reference, unless it is one that has been compared."""

@@ -38,7 +38,10 @@ def sentence(
     if beside:
         parts.append(beside)
     if support < _SURE and rival is not None:
-        parts.append(f"a near thing: {support:.0%} of the draws say so, others {named(rows[rival])}")
+        parts.append(
+            f"a near thing: {support:.0%} of the draws say so, others {named(rows[rival])}; a quieter"
+            " machine, a longer --budget or --clock cpu would tell"
+        )
     return "; ".join(parts)
 
 
