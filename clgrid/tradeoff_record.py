@@ -124,9 +124,9 @@ class TradeoffRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     cost_s : Spread
         Seconds of a picture in the need's number of frames, once slow turns are taken out.
     errors : list of RayErrors
-        Those of a rung whose answers no grid changes were measured on one of its points.
+        Those of a rung whose answers no grid changes were measured once, through the grid of the reference.
     errors_of : int
-        Number of that row; its own where they were measured here.
+        Number of the first row that has them.
     error, error_most : float or None
         By the need's measure, and its upper bound; None where it was not measured.
     refused : list of str
@@ -270,9 +270,10 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         Of each kind.
     confidence : float
         Of intervals and upper bounds.
-    margin, rung_margin : float
-        Times of two points that differ by no more than this share count as equal; the same of the fastest
-        points of two rungs.
+    margin : float
+        Times of two points that differ by no more than this share count as equal.
+    fast_pays : float
+        The least share of the time that ``fast`` must save to be recommended.
     methods : dict of str to str
         How intervals, bounds, front and choice are made, a sentence each.
     budget_s : float
@@ -308,7 +309,7 @@ class TradeoffRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     rays: int
     confidence: float
     margin: float
-    rung_margin: float
+    fast_pays: float
     methods: dict[str, str]
     budget_s: float
     load_s: list[float]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from clgrid.tradeoff.choose import MARGIN, RUNG_MARGIN, Candidate, choose, choose_by
+from clgrid.tradeoff.choose import FAST_PAYS, MARGIN, Candidate, choose, choose_by
 from clgrid.tradeoff.contest import FEW, FEWEST_LAST_TURNS, MOST_TURNS, OF_RUNG, TURNS, Contest
 from clgrid.tradeoff.front import front
 from clgrid.tradeoff.intervals import CONFIDENCE, incomplete_beta, median_interval, rate_most
@@ -100,15 +100,17 @@ FAST, ROBUST, PRECISE, EXACT = (Candidate(k, 100) for k in range(4))
 @pytest.mark.parametrize(
     ("costs", "candidates", "expected"),
     [
-        # The fastest, where nothing is near it.
-        ([1.0, 1.5], [FAST, ROBUST], 0),
-        # Equal by the margin of rungs: the stricter.
-        ([1.0, 1.0 + 0.9 * RUNG_MARGIN], [FAST, ROBUST], 1),
-        ([1.0, 1.0 + 1.1 * RUNG_MARGIN], [FAST, ROBUST], 0),
+        # The rung by its errors: stricter ones are not weighed, however little they cost.
+        ([1.0, 1.0], [PRECISE, EXACT], 0),
+        ([1.0, 0.9, 2.0], [Candidate(1, 100, fits=False), EXACT, PRECISE], 2),
+        # Fast has to pay.
+        ([1.0 - 1.1 * FAST_PAYS, 1.0, 1.0], [FAST, ROBUST, EXACT], 0),
+        ([1.0 - 0.9 * FAST_PAYS, 1.0, 1.0], [FAST, ROBUST, EXACT], 1),
+        ([9.0], [FAST], 0),
         # Of points of a rung: fewer bytes, the simpler layout, the density nearer to auto's, the first.
         ([1.0, 1.0 + 1.1 * MARGIN], [ROBUST, Candidate(1, 90)], 0),
         # By the margin of points beside its rung's fastest, not beside that of all.
-        ([1.0, 1.02, 1.11], [FAST, ROBUST, Candidate(1, 90)], 2),
+        ([0.9, 1.0, 1.09], [FAST, ROBUST, Candidate(1, 90)], 2),
         ([1.0, 1.05], [ROBUST, Candidate(1, 90)], 1),
         ([1.0, 1.05], [Candidate(1, 100, simplicity=1), ROBUST], 1),
         ([1.0, 1.05], [Candidate(1, 100, off_auto=1.0), ROBUST], 1),
@@ -130,14 +132,15 @@ def test_within_a_time_the_least_error_is_taken() -> None:
     costs = np.array([1.0, 2.0, 3.0, 4.0])
     for most, expected in ((4.0, 3), (3.5, 2), (1.5, 0), (0.5, None)):
         assert choose_by(costs, candidates, most, least_error=True) == expected
-    assert choose_by(costs, candidates, 3.5) == 0
+    assert choose_by(costs, candidates, 3.5) == 0  # fast pays
 
 
 def test_an_answer_that_hangs_on_one_turn_is_a_near_thing() -> None:
-    sure = choose(Turns.of_lists([[1.0] * 9, [1.5] * 9]), [FAST, ROBUST])
+    small = Candidate(1, 90)
+    sure = choose(Turns.of_lists([[1.0] * 9, [1.5] * 9]), [ROBUST, small])
     assert (sure.point, sure.support, sure.rival) == (0, 1.0, None)
-    # Five turns of nine say that robust is within the margin.
-    near = choose(Turns.of_lists([[1.0] * 9, [1.02] * 5 + [1.06] * 4]), [FAST, ROBUST])
+    # Five turns of nine say that the second is within the margin.
+    near = choose(Turns.of_lists([[1.0] * 9, [1.09] * 5 + [1.13] * 4]), [ROBUST, small])
     assert near.point == 1
     assert near.rival == 0
     assert 0.5 < near.support < 0.9
@@ -209,12 +212,16 @@ GRIDS = ((1.3, 3), (1.04, 5), (1.0, 8), (1.2, 13), (1.7, 2), (1.45, 4), (1.3, 7)
 class Machine:
     """Points that take known times, on a clock of its own."""
 
-    def __init__(self, noise: Callable[[RNG, int], float], seed: int) -> None:
+    def __init__(self, noise: Callable[[RNG, int], float], seed: int, slow: tuple[int, ...] = ()) -> None:
         self.now, self.measured = 0.0, [0] * (len(RUNGS) * len(GRIDS))
         self.candidates = [
-            Candidate(rung, nbytes, fits=rung > 0) for rung in range(len(RUNGS)) for _, nbytes in GRIDS
+            Candidate(rung, nbytes, fits=rung > 0, grid=nbytes)
+            for rung in range(len(RUNGS))
+            for _, nbytes in GRIDS
         ]
         self._seconds = [0.05 * rung * grid for rung in RUNGS for grid, _ in GRIDS]
+        for point in slow:
+            self._seconds[point] *= 4
         self._noise, self._rng = noise, np.random.default_rng(seed)
         self.contest = Contest(self.candidates, self.measure, clock=lambda: self.now)
 
@@ -227,8 +234,8 @@ class Machine:
 
 @pytest.mark.parametrize("noise", [quiet, spikes, slow_half, drift, heavy_tail])
 def test_every_run_recommends_the_same_point(noise: Callable[[RNG, int], float]) -> None:
-    # Of the rungs that fit, robust is the fastest by more than the margin; of its grids the second has fewer
-    # bytes than the third, and takes 1.04 of its time.
+    # Robust is the first rung that fits; of its grids the second has fewer bytes than the third, and takes
+    # 1.04 of its time.
     expected = len(GRIDS) + 1
     for seed in range(4):
         machine = Machine(noise, seed)
@@ -241,7 +248,7 @@ def test_repetitions_go_to_the_contenders() -> None:
     machine = Machine(spikes, 0)
     found = machine.contest.run(60.0)
     assert found.point is not None
-    assert min(machine.measured) == TURNS
+    assert min(machine.measured) == 1 + TURNS
     assert machine.measured[found.point] >= FEWEST_LAST_TURNS
     often = [count for count in machine.measured if count > FEWEST_LAST_TURNS]
     assert FEW <= len(often) <= FEW + OF_RUNG * len(RUNGS)
@@ -251,12 +258,22 @@ def test_repetitions_go_to_the_contenders() -> None:
         assert machine.measured[rung * len(GRIDS) + 2] > FEWEST_LAST_TURNS
 
 
+def test_grids_that_are_slow_on_every_rung_have_one_turn() -> None:
+    # The first grid is slow on all rungs, the fourth on one: that may have been chance.
+    first, fourth = [tuple(rung * len(GRIDS) + grid for rung in range(len(RUNGS))) for grid in (0, 3)]
+    machine = Machine(quiet, 0, slow=(*first, fourth[1]))
+    machine.contest.run(60.0)
+    assert {machine.measured[point] for point in first} == {1}
+    assert min(machine.measured[point] for point in fourth) > 1
+
+
 def test_a_short_time_is_kept() -> None:
     machine = Machine(quiet, 0)
     machine.contest.run(3.0)
     assert min(machine.measured) >= 1
-    # A turn of all takes 2.2 s, and each stage has one.
-    assert machine.now < 6.0
+    # A turn of all takes 2.2 s, and each stage has one; the last has more where there is time.
+    assert machine.now < 7.0
+    assert max(machine.measured) == 4
 
 
 def test_the_order_of_a_turn_changes_from_turn_to_turn() -> None:

@@ -162,6 +162,8 @@ class PaintedEasel:
 
 
 class PaintedReference:
+    recipe = ("nested", 0.5)
+
     def __init__(self) -> None:
         self.asked = 0
 

@@ -254,7 +254,8 @@ def _max_error(text: str) -> tuple[str, float | None]:
         raise InputError(f"--max-error {text!r}: give a number, or MEASURE=NUMBER as rays=1e-4") from None
 
 
-_WRONG = ("pixels", "PSNR", "missed", "false", "other", "t off by")
+_NUMBERS = ("build", "render", "time to image", "grid", "pixels", "PSNR")
+_WRONG = ("missed", "false", "other", "of rays", "t off by")
 
 
 def _table(result: TradeoffRecord, device: str) -> Table:
@@ -319,6 +320,7 @@ def _cells(result: TradeoffRecord, row: TradeoffRow) -> list[str]:
         f"{answers.missed:,}",
         f"{answers.false_hits:,}",
         f"{answers.wrong_triangles:,}",
+        f"{answers.rays:,}",
         _distance(row.errors),
     ]
 
@@ -347,13 +349,12 @@ def _distance(errors: list[RayErrors]) -> str:
 
 def _lines(result: TradeoffRecord) -> list[str]:
     """What the table does not say: how it is to be read, and which point to take."""
-    structured = next(each for each in result.rows[0].errors if each.kind == "structured")
     check = result.reference
     lines = [
         "* on the front; > recommended. Times: median and its interval at"
         f" {result.confidence:.0%}, ms, once slow turns are taken out.",
         f"pixels: of {result.rows[0].picture.pixels:,}, that show another triangle than exact. missed, false,"
-        f" other: of {structured.rays:,} structured rays, against exact. t: worst along the camera's rays,"
+        " other: of structured rays, against exact. t: worst along the camera's rays,"
         f" scene units; the longest side is {result.size:.4g}, and coordinates are rounded by at most"
         f" {result.max_rounding:.2g} once.",
         f"exact by rational arithmetic: {check.wrong:,} wrong of {check.rays:,} rays"

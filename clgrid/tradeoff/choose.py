@@ -2,36 +2,33 @@
 
 Errors and bytes are the same in every run; seconds are not. So a time counts as better only by more than a
 fixed share: whether intervals overlap would depend on how noisy the run was, and with it the choice. First
-the rung is taken, then its point. The turns are then drawn anew, with replacement, ``DRAWS`` times, and the
-point that follows most often is taken: an answer that hangs on one turn loses.
+the rung is taken, by its errors, then its point. The turns are then drawn anew, with replacement, ``DRAWS``
+times, and the point that follows most often is taken: an answer that hangs on one turn loses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from clgrid.rungs import ACCURACIES
 from clgrid.tradeoff.turns import F64, Turns
 
 MARGIN = 0.10
 """Times of points of a rung that differ by no more than this share count as equal."""
-RUNG_MARGIN = 0.03
-"""The same of the fastest points of two rungs.
-
-Where few ratios lie: a rung that costs anything beside the next less strict one takes 1.05 of its time and
-more, one that costs nothing less than 1.02 (docs/performance.md, "The accuracy ladder").
-"""
+FAST_PAYS = 0.15
+"""The least share of the time that ``fast``, which promises nothing, must save to be taken."""
 DRAWS = 400
+_FAST = ACCURACIES.index("fast")
 
 METHOD = (
-    "the strictest rung of which a point that meets the need takes no more than"
-    f" {RUNG_MARGIN:.0%} longer than the fastest that does; of this rung's points within {MARGIN:.0%} of its"
-    " fastest, the one of fewest bytes, then of the simpler layout, then of the density nearer to auto's;"
-    " where only a time is asked for, of all points that keep to it the one of least error, then of the"
-    f" stricter rung, then as before. What follows from most of {DRAWS} bootstrap draws of the turns is"
-    " recommended"
+    "the least strict rung that meets the need, but fast only where it saves more than"
+    f" {FAST_PAYS:.0%} of the time; of this rung's points within {MARGIN:.0%} of its fastest, the one of"
+    " fewest bytes, then of the simpler layout, then of the density nearer to auto's; where only a time is"
+    " asked for, of all points that keep to it the one of least error, then of the stricter rung, then as"
+    f" before. What follows from most of {DRAWS} bootstrap draws of the turns is recommended"
 )
 
 
@@ -51,6 +48,8 @@ class Candidate:
     error : float
     fits : bool
         Whether it meets what the need says of error and bytes.
+    grid : hashable
+        What it has in common with the same layout and density on other rungs; None for nothing.
     """
 
     strictness: int
@@ -59,6 +58,7 @@ class Candidate:
     off_auto: float = 0.0
     error: float = 0.0
     fits: bool = True
+    grid: Hashable = None
 
     @property
     def order(self) -> tuple[float, ...]:
@@ -115,14 +115,27 @@ def choose_by(
     for row in rows:
         rung = candidates[row].strictness
         fastest[rung] = min(fastest.get(rung, np.inf), float(costs[row]))
-    limit = min(fastest.values()) * (1.0 + RUNG_MARGIN)
-    rung = max(rung for rung, seconds in fastest.items() if seconds <= limit)
+    rung = _rung(fastest)
     equal = [
         row
         for row in rows
         if candidates[row].strictness == rung and costs[row] <= fastest[rung] * (1.0 + MARGIN)
     ]
     return min(equal, key=lambda row: (*candidates[row].order, row))
+
+
+def _rung(fastest: dict[int, float]) -> int:
+    """The rung to take, from the seconds of the fastest point of each that does.
+
+    What a stricter rung takes beside the next is anything from 1.0 to 1.3 (docs/performance.md, "The
+    accuracy ladder"), so whatever share were allowed for it, noise would decide on some scene; and it never
+    takes less.
+    """
+    promising = [rung for rung in fastest if rung > _FAST]
+    if not promising:
+        return _FAST
+    saves = _FAST in fastest and fastest[_FAST] < (1.0 - FAST_PAYS) * fastest[min(promising)]
+    return _FAST if saves else min(promising)
 
 
 def _least_error_first(one: Candidate, row: int) -> tuple[float, ...]:

@@ -1,14 +1,15 @@
 """Points measured in turns: repetitions go to those that may still be recommended, by successive halving.
 
-All points have a few turns; then the better half has a few more, and so on, until few are left, and those
-have turns until the choice stands or the time is over (Karnin, Koren, Somekh 2013). Within a turn the order
-is drawn anew, so that no point always follows the same one.
+All points have a turn, and those of grids that are slow on every rung no more; the others have a few, then
+the better half has a few more, and so on, until few are left, and those have turns until the choice stands or
+the time is over (Karnin, Koren, Somekh 2013). Within a turn the order is drawn anew, so that no point always
+follows the same one.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from clgrid.tradeoff.turns import Turns
 Clock = Callable[[], float]
 Progress = Callable[[str, float | None], None]
 
-TURNS = 4
-"""Of each stage but the last, where time allows."""
+HOPELESS = 2.5
+"""A grid that takes so many times as long as the fastest, on every rung, has one turn."""
+TURNS = 3
+"""Of each stage between the first and the last, where time allows."""
 FEW = 8
 """Points that the halving leaves."""
 OF_RUNG = 2
@@ -30,8 +33,9 @@ ENOUGH = 0.99
 """Support at which a choice stands."""
 
 METHOD = (
-    f"{TURNS} turns of all points, {TURNS} of the better half, and so on; the last {FEW}, and the {OF_RUNG}"
-    f" fastest of each rung, have {FEWEST_LAST_TURNS} to {MOST_TURNS}, until {ENOUGH:.0%} of the draws agree"
+    f"a turn of all points; of those whose grid takes less than {HOPELESS:g} times the fastest on some rung"
+    f" {TURNS} turns, {TURNS} of their better half, and so on; the last {FEW}, and the {OF_RUNG} fastest of"
+    f" each rung, have {FEWEST_LAST_TURNS} to {MOST_TURNS}, until {ENOUGH:.0%} of the draws agree"
 )
 # How much slower than the limit a point may be and still be worth a turn.
 _NEAR = 1.25
@@ -78,16 +82,27 @@ class Contest:
     def run(self, seconds: float) -> Choice:
         """Take turns for about so long, at least one of each stage, and choose."""
         start = self._clock()
-        contenders, stage = list(range(len(self.candidates))), 0
-        while True:
-            last = len(contenders) <= FEW + OF_RUNG * len({each.strictness for each in self.candidates})
-            left = seconds - (self._clock() - start)
-            if last:
-                self._last_stage(contenders, stage, start + seconds)
-                return self._choice(contenders)
+        self._turn(range(len(self.candidates)), 0)
+        contenders, stage = self._hopeful(), 1
+        most = FEW + OF_RUNG * len({each.strictness for each in self.candidates})
+        while len(contenders) > most:
             # Each stage of half the points may take half of the time that is left.
-            self._stage(contenders, stage, self._clock() + left / 2)
+            now = self._clock()
+            self._stage(contenders, stage, now + (start + seconds - now) / 2)
             contenders, stage = self._better_half(contenders), stage + 1
+        self._last_stage(contenders, stage, start + seconds)
+        return self._choice(contenders)
+
+    def _hopeful(self) -> list[int]:
+        """Points of grids that are not slow on all rungs; of one that was tried once nothing is known yet."""
+        fastest: dict[int, float] = {}
+        for one, seconds in zip(self.candidates, self.turns.costs[0], strict=True):
+            fastest[one.strictness] = min(fastest.get(one.strictness, np.inf), float(seconds))
+        ratios: dict[Hashable, list[float]] = {}
+        for one, seconds in zip(self.candidates, self.turns.costs[0], strict=True):
+            ratios.setdefault(one.grid, []).append(float(seconds) / fastest[one.strictness])
+        slow = {grid for grid, found in ratios.items() if len(found) > 1 and min(found) > HOPELESS}
+        return [row for row, one in enumerate(self.candidates) if one.grid not in slow]
 
     def _choice(self, among: Sequence[int]) -> Choice:
         return choose(

@@ -13,7 +13,6 @@ from clgrid.mesh import Mesh
 from clgrid.procedural import cube
 from clgrid.renderer import warm_up
 from clgrid.rungs import RUNGS
-from clgrid.scene import Scene
 from clgrid.structured import Aim
 from clgrid.tradeoff.survey import Easel
 from clgrid.verify import compared_fields, well_inside
@@ -21,32 +20,37 @@ from clgrid.verify import compared_fields, well_inside
 Progress = Callable[[str, float | None], None]
 
 
-def compile_all(easel: Easel, reference_layout: str, *, closed: bool, progress: Progress) -> list[float]:
+def compile_all(
+    easel: Easel, auto_layout: str, reference_layout: str, *, closed: bool, progress: Progress
+) -> list[float]:
     """Compile all variants; the seconds of each rung and layout.
 
     Parameters
     ----------
     easel : Easel
-    reference_layout : str
-        Of the grid that the reference is asked through.
+    auto_layout, reference_layout : str
+        Of the grid that the reference's picture is drawn from, and of that which its rays go through.
     closed : bool
         Whether points inside of the mesh will be looked for.
     progress : callable
     """
     plan, scene, device = easel.plan, easel.scene, easel.device
     wanted = list(dict.fromkeys((point.accuracy, point.layout) for point in plan.points()))
-    wanted += [("exact", reference_layout)] if ("exact", reference_layout) not in wanted else []
-    asked: set[str] = set()
+    if ("exact", auto_layout) not in wanted:
+        wanted.append(("exact", auto_layout))
+    smooth = scene.mesh.vertex_normals is not None
+    shown: set[str] = set()
     taken = []
     for number, (accuracy, layout) in enumerate(wanted):
         progress(f"compile {accuracy}, {layout}", number / len(wanted))
         start = time.perf_counter()
         _pictures(easel, accuracy, layout)
-        # One layout speaks for a rung that no grid changes; of exact, the reference's is asked too.
-        first = not RUNGS[accuracy].lossless or accuracy not in asked
-        if first or (accuracy, layout) == ("exact", reference_layout):
-            asked.add(accuracy)
-            _answers(scene, device, accuracy, layout)
+        lossless = RUNGS[accuracy].lossless
+        # One grid speaks for a rung that no grid changes.
+        if not lossless or accuracy not in shown or (accuracy, layout) == ("exact", auto_layout):
+            warm_up(device, ("id",), smooth=smooth, layout=layout, accuracy=accuracy, density=1.0)
+            _answers(device, accuracy, reference_layout if lossless else layout)
+            shown.add(accuracy)
         taken.append(time.perf_counter() - start)
     if closed:
         progress("compile for points inside", None)
@@ -74,9 +78,7 @@ def _pictures(easel: Easel, accuracy: str, layout: str) -> None:
         )
 
 
-def _answers(scene: Scene, device: Device, accuracy: str, layout: str) -> None:
-    smooth = scene.mesh.vertex_normals is not None
-    warm_up(device, ("id",), smooth=smooth, layout=layout, accuracy=accuracy, density=1.0)
+def _answers(device: Device, accuracy: str, layout: str) -> None:
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
     triangle = Mesh(corners, np.array([[0, 1, 2]], np.uint32))
     with build(triangle, layout, 1.0, accuracy=accuracy, device=device) as grid:

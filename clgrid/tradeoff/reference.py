@@ -46,6 +46,8 @@ class Reference:
 
     Attributes
     ----------
+    recipe : (str, float)
+        Layout and density of the grids that are asked: those for rays from anywhere to anywhere.
     rays : tuple of Rays
         Of each kind.
     answers : list of Answers
@@ -57,6 +59,7 @@ class Reference:
     """
 
     mesh: Mesh
+    recipe: tuple[str, float]
     rays: tuple[Rays, ...]
     answers: list[Answers] = field(default_factory=list)
     t_err: list[F64] = field(default_factory=list)

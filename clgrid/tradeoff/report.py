@@ -86,6 +86,7 @@ class Report:
                 off_auto=abs(math.log2(each.point.density / auto[1])),
                 error=error,
                 fits=wish.allowed_error is None or error <= wish.allowed_error,
+                grid=each.point[1:],
             )
             for each, (error, _) in zip(seen, self._errors, strict=True)
         ]

@@ -11,11 +11,10 @@ from clgrid.closed import open_edges
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.frame import LocalFrame
-from clgrid.grid import build
 from clgrid.scene import Scene
 from clgrid.tradeoff import choose, contest, front, intervals, turns, words
 from clgrid.tradeoff.contest import Contest
-from clgrid.tradeoff.plan import Plan
+from clgrid.tradeoff.plan import Plan, Point
 from clgrid.tradeoff.prepare import compile_all
 from clgrid.tradeoff.reference import Reference, rays_of
 from clgrid.tradeoff.report import Report, broken_promises, need_of, recommendation_of
@@ -105,18 +104,20 @@ def tradeoff(
         raise InputError(f"{scene.name} has no triangles to draw; give another scene")
     view, spent = plan.camera(scene), _Spent()
     easel = Easel(scene, plan, view, device)
-    progress("build the reference", None)
-    standing = build(mesh, "auto", accuracy="exact", **easel.options)
-    compiled = compile_all(easel, standing.layout, closed=not open_edges(mesh), progress=progress)
+    progress("choose a grid", None)
+    start = time.perf_counter()
+    auto, recipe = easel.auto(for_view=True), easel.auto(for_view=False)
+    compiled = [time.perf_counter() - start]
+    compiled += compile_all(easel, auto[0], recipe[0], closed=not open_edges(mesh), progress=progress)
     with spent.on("rays"):
         progress("aim rays", None)
-        reference = Reference(mesh, rays_of(mesh, plan, view, device))
+        reference = Reference(mesh, recipe, rays_of(mesh, plan, view, device))
     with spent.on("reference"):
         progress("ask the reference", None)
-        reference.ask(standing)
-        ids, colours = easel.ids(standing), easel.draw(standing, max(plan.samples, default=None))
-    auto = standing.layout, standing.recipe.density
-    standing.release()
+        with easel.build(Point("exact", *recipe, None)) as grid:
+            reference.ask(grid)
+        with easel.build(Point("exact", *auto, None)) as grid:
+            ids, colours = easel.ids(grid), easel.draw(grid, max(plan.samples, default=None))
     with spent.on("rational"):
         progress("rational arithmetic", None)
         reference.ask_rationally(_RATIONAL_SHARE * (plan.budget_s - spent.total))
@@ -159,7 +160,7 @@ def tradeoff(
         rays=plan.rays,
         confidence=intervals.CONFIDENCE,
         margin=choose.MARGIN,
-        rung_margin=choose.RUNG_MARGIN,
+        fast_pays=choose.FAST_PAYS,
         methods=METHODS,
         budget_s=plan.budget_s,
         load_s=[load_s],

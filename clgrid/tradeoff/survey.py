@@ -68,6 +68,12 @@ class Easel:
         """The grid of a point."""
         return build(self.scene.mesh, point.layout, point.density, accuracy=point.accuracy, **self.options)
 
+    def auto(self, *, for_view: bool) -> tuple[str, float]:
+        """Layout and density that "auto" takes: for the picture, or for rays from all around."""
+        options = {**self.options, **({} if for_view else {"view": None})}
+        with build(self.scene.mesh, "auto", accuracy="robust", **options) as grid:
+            return grid.layout, grid.recipe.density
+
     @property
     def options(self) -> dict[str, Any]:
         """Options of ``build`` that all points share."""
@@ -176,7 +182,7 @@ class Survey:
         number = len(self.seen)
         if kind not in self._ids:
             self._ids[kind] = self._easel.ids(grid), number
-            errors = self._reference.errors(grid, cast_s)
+            errors = self._answers(point, grid, cast_s)
         else:
             errors = self.seen[self._ids[kind][1]].errors
         ids, errors_of = self._ids[kind]
@@ -194,6 +200,12 @@ class Survey:
                 pass_s=pass_s,
             )
         )
+
+    def _answers(self, point: Point, grid: Grid, cast_s: float) -> list[RayErrors]:
+        if not RUNGS[point.accuracy].lossless:
+            return self._reference.errors(grid, cast_s)
+        with self._easel.build(Point(point.accuracy, *self._reference.recipe, None)) as suited:
+            return self._reference.errors(suited, cast_s)
 
     def _picture(self, point: Point, kind: Point, ids: Ids, grid: Grid, colours: Colours) -> PictureErrors:
         """Compare the picture with the reference, unless it is one that has been compared."""
