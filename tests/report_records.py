@@ -286,7 +286,7 @@ def tradeoff() -> TradeoffRecord:
         **header("tradeoff"), scene=UNTRUSTED, source=UNTRUSTED, triangles=871_414, size=12.5,
         max_rounding=1e-7,
         width=640, height=480, eye=(0.0, 1.0, 3.0), clock="wall", auto_layout="nested", auto_density=4.0,
-        aim=(90, 80, 70), rays=100_000, confidence=0.95, margin=0.03, rung_margin=0.1,
+        aim=(90, 80, 70), rays=100_000, confidence=0.95, margin=0.03, fast_pays=0.2,
         methods={"front": "nothing is better in all"},
         budget_s=120.0, load_s=[0.5], first_compile_s=[2.0], spent_s={"errors": [20.0, 21.0]},
         need=Need(
