@@ -15,8 +15,9 @@ from clgrid.report.difference import compare, regressions
 from clgrid.report.difference_record import BETTER, OTHER, SAME, UNJUDGED, WORSE, DifferenceRecord
 from clgrid.report.entries import SCHEMAS, Entry
 from clgrid.report.match import match
-from clgrid.report.noise import CONFIDENCE, FASTER, SLOWER, band, change
+from clgrid.report.noise import FASTER, SLOWER, band, change
 from clgrid.report.read import KINDS, Run
+from clgrid.tradeoff.intervals import CONFIDENCE
 
 with_ = msgspec.structs.replace
 

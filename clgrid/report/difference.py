@@ -22,9 +22,10 @@ from clgrid.report.difference_record import (
 )
 from clgrid.report.entries import Entry, Scalar, entries
 from clgrid.report.match import match
-from clgrid.report.noise import CONFIDENCE, FASTER, FEW, SLOWER, change
+from clgrid.report.noise import FASTER, FEW, SLOWER, change
 from clgrid.report.read import Run
 from clgrid.report.rules import BITS, EQUAL, LESS, MORE, SAID, is_judged, is_size, rule, whole
+from clgrid.tradeoff.intervals import CONFIDENCE
 
 THRESHOLD = 0.10
 UNKNOWN = 0.25
