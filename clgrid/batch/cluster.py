@@ -20,8 +20,8 @@ from clgrid.batch.plan import Plan
 from clgrid.batch.run import Choices, Outcome, Show, run
 from clgrid.errors import InputError
 
-# Of each worker there is one, whose child draws one item at a time: so a device is never shared. A task takes a
-# part of it, so that one is drawn while another is read or written.
+# Of each worker there is one, whose child draws one item at a time: so a device is never shared. A task takes
+# a part of it, so that one is drawn while another is read or written.
 RESOURCE = "clgrid"
 _TAKEN = 1 / UNDER_WAY
 _PLUGIN = "clgrid-batch"
