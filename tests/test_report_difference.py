@@ -161,6 +161,14 @@ def test_faults_that_grow_are_regressions(kind: str, change: Callable[[], Header
     assert field in verdicts(against(change(), made.every()[kind]), BETTER)
 
 
+def test_devices_may_differ_on_fast() -> None:
+    base = made.compare()
+    more = made.compare(9).pairs[0]
+    other = with_(base, pairs=[base.pairs[0], with_(more, accuracy="fast", promised=False)])
+    result = against(base, other)
+    assert (verdicts(result, WORSE), "differing" in verdicts(result, OTHER)) == (set(), True)
+
+
 def test_another_digest_is_a_fault_within_a_version_and_a_change_between_two() -> None:
     base = made.compare()
     device = base.devices[0]

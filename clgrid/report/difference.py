@@ -130,13 +130,15 @@ def _values(row: str, one: Entry, two: Entry, alike: bool) -> Iterator[Finding]:
         one.values.get(name, one.marks.get(name)) == two.values.get(name, two.marks.get(name))
         for name in ("resolution", "skipping", "parts")
     )
+    # Two devices may differ on fast.
+    promised = one.values.get("promised") is not False
     for name, first in one.values.items():
         how = rule(name)
         if how == SAID or name not in two.values:
             continue
         second = two.values[name]
         verdict = _verdict(how, first, second, strict, alike)
-        if verdict in (WORSE, BETTER) and is_size(name) and not one_grid:
+        if verdict in (WORSE, BETTER) and ((is_size(name) and not one_grid) or not promised):
             verdict = OTHER
         yield Finding(row=row, field=name, verdict=verdict, timed=False, first=[first], second=[second])
 
