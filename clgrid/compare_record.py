@@ -4,34 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
-from clgrid.record import DeviceRecord, Failure, Header
+from clgrid.record import DeviceRecord, Failure, Header, HostRecord
 
 COMPLETED, REFUSED, CRASHED, HUNG, OUT_OF_MEMORY = "completed", "refused", "crashed", "hung", "out of memory"
 STATUSES = (COMPLETED, REFUSED, CRASHED, HUNG, OUT_OF_MEMORY)
-
-
-class HostRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The machine, and what runs on it beside the drivers.
-
-    Attributes
-    ----------
-    processor : str
-        Its model.
-    cores : int
-        Hardware threads that this process may use.
-    system : str
-        The operating system.
-    memory : int or None
-        Bytes; None where the system does not say.
-    versions : dict of str to str
-        Of Python, numpy, pyopencl and OpenImageIO.
-    """
-
-    processor: str
-    cores: int
-    system: str
-    memory: int | None
-    versions: dict[str, str]
 
 
 class DriverRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -439,9 +415,6 @@ class CompareRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     Attributes
     ----------
-    command : tuple of str
-        The words of the command line that repeats it.
-    host : HostRecord
     width, height : int
         Of the picture: a primary ray for each pixel.
     rays : int
@@ -456,7 +429,6 @@ class CompareRecord(Header, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         Scenes that could not be loaded, on any device.
     """
 
-    command: tuple[str, ...]
     host: HostRecord
     accuracies: tuple[str, ...]
     width: int

@@ -28,6 +28,30 @@ class DeviceRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     platform: str
 
 
+class HostRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The machine, and what runs on it beside the drivers.
+
+    Attributes
+    ----------
+    processor : str
+        Its model.
+    cores : int
+        Hardware threads that this process may use.
+    system : str
+        The operating system.
+    memory : int or None
+        Bytes; None where the system does not say.
+    versions : dict of str to str
+        Of Python, numpy, pyopencl and OpenImageIO.
+    """
+
+    processor: str
+    cores: int
+    system: str
+    memory: int | None
+    versions: dict[str, str]
+
+
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What every record begins with.
 
@@ -45,6 +69,8 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         Of every random choice; empty where nothing is random.
     command : tuple of str
         The words of the command line that repeats it; empty for a record made in Python.
+    host : HostRecord or None
+        The machine; None for a record made in Python.
     """
 
     schema: str
@@ -53,6 +79,7 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     compiled: tuple[str, ...]
     seeds: dict[str, int] = {}
     command: tuple[str, ...] = ()
+    host: HostRecord | None = None
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

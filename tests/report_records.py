@@ -15,7 +15,6 @@ from clgrid.compare_record import (
     DifferingRay,
     DriverRecord,
     HeatMap,
-    HostRecord,
     ImageDifferences,
     RayDifferences,
     SpeedRecord,
@@ -28,6 +27,7 @@ from clgrid.record import (
     FrameRow,
     FramesRecord,
     Header,
+    HostRecord,
     RayKind,
     RenderRecord,
     Row,
@@ -55,6 +55,11 @@ INTEL = DeviceRecord("AMD EPYC", "2026.22", "Intel(R) OpenCL")
 POCL = DeviceRecord("pthread-AMD EPYC", "3.0-rc2", "Portable Computing Language")
 
 
+HOST = HostRecord(
+    processor="AMD EPYC", cores=2, system="Linux 6.1", memory=24 << 30, versions={"Python": "3.11.7"}
+)
+
+
 def times(middle: float, count: int = 5, seed: int = 0) -> list[float]:
     """Repetitions within two per cent of a time."""
     spread = np.random.default_rng(seed).uniform(0.98, 1.02, count)
@@ -64,7 +69,7 @@ def times(middle: float, count: int = 5, seed: int = 0) -> list[float]:
 def header(verb: str, device: DeviceRecord = INTEL) -> dict[str, object]:
     return {
         "schema": schema(verb), "clgrid": "0.1.0", "device": device, "compiled": ("render.cl -DX=1",),
-        "seeds": {"rays": 3}, "command": ("clgrid", verb, UNTRUSTED),
+        "seeds": {"rays": 3}, "command": ("clgrid", verb, UNTRUSTED), "host": HOST,
     }  # fmt: skip
 
 
@@ -163,10 +168,6 @@ def compare(differing: int = 0) -> CompareRecord:
     pairs = [_pair("robust", differing, True), _pair("fast", 17, False)]
     return CompareRecord(
         **header("compare"),
-        host=HostRecord(
-            processor="AMD EPYC", cores=2, system="Linux 6.1", memory=24 << 30,
-            versions={"Python": "3.11.7"}
-        ),
         accuracies=("robust", "fast"), width=640, height=480, rays=1000, time_limit=60.0, devices=devices,
         pairs=pairs, failures=[],
     )  # fmt: skip
@@ -285,7 +286,7 @@ def tradeoff() -> TradeoffRecord:
         **header("tradeoff"), scene=UNTRUSTED, source=UNTRUSTED, triangles=871_414, size=12.5,
         max_rounding=1e-7,
         width=640, height=480, eye=(0.0, 1.0, 3.0), clock="wall", auto_layout="nested", auto_density=4.0,
-        aim=(90, 80, 70), rays=100_000, confidence=0.95, margin=0.03, rung_margin=0.1,
+        aim=(90, 80, 70), rays=100_000, confidence=0.95, margin=0.03, fast_pays=0.2,
         methods={"front": "nothing is better in all"},
         budget_s=120.0, load_s=[0.5], first_compile_s=[2.0], spent_s={"errors": [20.0, 21.0]},
         need=Need(

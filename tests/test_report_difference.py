@@ -15,8 +15,9 @@ from clgrid.report.difference import compare, regressions
 from clgrid.report.difference_record import BETTER, OTHER, SAME, UNJUDGED, WORSE, DifferenceRecord
 from clgrid.report.entries import SCHEMAS, Entry
 from clgrid.report.match import match
-from clgrid.report.noise import CONFIDENCE, FASTER, SLOWER, band, change
+from clgrid.report.noise import FASTER, SLOWER, band, change
 from clgrid.report.read import KINDS, Run
+from clgrid.tradeoff.intervals import CONFIDENCE
 
 with_ = msgspec.structs.replace
 
@@ -158,6 +159,14 @@ def test_faults_that_grow_are_regressions(kind: str, change: Callable[[], Header
     result = against(made.every()[kind], change())
     assert field in verdicts(result, WORSE)
     assert field in verdicts(against(change(), made.every()[kind]), BETTER)
+
+
+def test_devices_may_differ_on_fast() -> None:
+    base = made.compare()
+    more = made.compare(9).pairs[0]
+    other = with_(base, pairs=[base.pairs[0], with_(more, accuracy="fast", promised=False)])
+    result = against(base, other)
+    assert (verdicts(result, WORSE), "differing" in verdicts(result, OTHER)) == (set(), True)
 
 
 def test_another_digest_is_a_fault_within_a_version_and_a_change_between_two() -> None:

@@ -64,7 +64,8 @@ class Parsed(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        self.text += data
+        # Numbers are kept beside their units.
+        self.text += data.replace("\u00a0", " ")
 
 
 @pytest.mark.parametrize("name", list(PAGES))

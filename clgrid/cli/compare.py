@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clgrid.cli import cameras, options, output
+from clgrid.cli import cameras, options, output, report_files
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -92,6 +92,9 @@ def compare(
     max_memory: options.MaxMemory = "",
     skipping: options.Skipping = False,
     repro: ReproFolder = ".",
+    html: report_files.Html = None,
+    csv: report_files.Csv = None,
+    plot: report_files.Plot = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -103,6 +106,8 @@ def compare(
     width, height = options.parse_size(size)
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
     memory = options.parse_bytes(max_memory)
+    files = report_files.Files(html, csv, plot)
+    files.check()
 
     from clgrid import record
     from clgrid.compare import Plan, broken_promises, unfinished
@@ -139,6 +144,7 @@ def compare(
             replays=Replays(Path(repro)),
             words=("clgrid", *sys.argv[1:]),
         )
+    files.write(result)
     if json:
         output.emit(record.encode(result))
     elif not quiet:

@@ -40,10 +40,12 @@ def emit(text: str) -> None:
 
 
 def signed(made: Signed) -> Signed:
-    """Return a record with the command line that made it."""
+    """Return a record with the command line and the machine that made it."""
     import msgspec
 
-    return msgspec.structs.replace(made, command=("clgrid", *sys.argv[1:]))
+    from clgrid.host import host_record
+
+    return msgspec.structs.replace(made, command=("clgrid", *sys.argv[1:]), host=host_record())
 
 
 def warn(messages: Iterable[str], *, quiet: bool) -> None:

@@ -13,13 +13,13 @@ from clgrid import record
 from clgrid.compare.child import view_of
 from clgrid.compare.differences import first_ray, heat_map, image_differences, ray_differences
 from clgrid.compare.files import Folder
-from clgrid.compare.host import host_record
 from clgrid.compare.locating import Replays
 from clgrid.compare.messages import Order, View
 from clgrid.compare.plan import Part, Plan, parts_of
 from clgrid.compare.process import Command, Rows, default_command, run
 from clgrid.compare_record import COMPLETED, CompareDevice, ComparePair, CompareRecord, CompareRow
 from clgrid.errors import ClgridError
+from clgrid.host import host_record
 from clgrid.record import Failure
 from clgrid.repro_record import ReproGrid
 from clgrid.rungs import RUNGS

@@ -22,9 +22,10 @@ from clgrid.report.difference_record import (
 )
 from clgrid.report.entries import Entry, Scalar, entries
 from clgrid.report.match import match
-from clgrid.report.noise import CONFIDENCE, FASTER, FEW, SLOWER, change
+from clgrid.report.noise import FASTER, FEW, SLOWER, change
 from clgrid.report.read import Run
 from clgrid.report.rules import BITS, EQUAL, LESS, MORE, SAID, is_judged, is_size, rule, whole
+from clgrid.tradeoff.intervals import CONFIDENCE
 
 THRESHOLD = 0.10
 UNKNOWN = 0.25
@@ -129,13 +130,15 @@ def _values(row: str, one: Entry, two: Entry, alike: bool) -> Iterator[Finding]:
         one.values.get(name, one.marks.get(name)) == two.values.get(name, two.marks.get(name))
         for name in ("resolution", "skipping", "parts")
     )
+    # Two devices may differ on fast.
+    promised = one.values.get("promised") is not False
     for name, first in one.values.items():
         how = rule(name)
         if how == SAID or name not in two.values:
             continue
         second = two.values[name]
         verdict = _verdict(how, first, second, strict, alike)
-        if verdict in (WORSE, BETTER) and is_size(name) and not one_grid:
+        if verdict in (WORSE, BETTER) and ((is_size(name) and not one_grid) or not promised):
             verdict = OTHER
         yield Finding(row=row, field=name, verdict=verdict, timed=False, first=[first], second=[second])
 

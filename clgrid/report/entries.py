@@ -111,7 +111,8 @@ def _frames(document: Mapping[str, Any]) -> Iterator[Entry]:
 
 def _verify(document: Mapping[str, Any]) -> Iterator[Entry]:
     more = {name: document[name] for name in ("scene", "triangles", "layout", "skipping", "density")}
-    return _rows(document, "scene triangles layout skipping accuracy rays", "density resolution", more)
+    # Rays are aimed at the planes of the grid.
+    return _rows(document, "scene triangles layout skipping accuracy rays resolution", "density", more)
 
 
 def _compare(document: Mapping[str, Any]) -> Iterator[Entry]:

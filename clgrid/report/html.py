@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -31,6 +32,7 @@ from clgrid.report.model import (
 
 # Rows beyond which a table scrolls by itself, below its headings; letters of texts that are not broken.
 _TALL, _SHORT = 24, 24
+_WITH_UNIT = re.compile(r"(?<=\d) (?=(?:[mnµ]?s|[kMG]?B|x \d+)\b)|(?<=\d x) (?=\d)")
 _HERE = Path(__file__).parent
 
 
@@ -70,13 +72,18 @@ def _picture(values: np.ndarray, largest: float | None = None) -> str:
     return f"data:image/png;base64,{b64encode(heat_png(values, largest)).decode()}"
 
 
+def _prose(text: str) -> str:
+    """A sentence, whose numbers stay with their units."""
+    return _WITH_UNIT.sub("\u00a0", escape(text))
+
+
 def _list(kind: str, sentences: Sequence[str]) -> str:
-    lines = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in sentences)
+    lines = "".join(f"<li>{_prose(sentence)}</li>\n" for sentence in sentences)
     return f'<ul class="{kind}">\n{lines}</ul>\n' if lines else ""
 
 
 def _section(section: Section, numbers: Iterator[int]) -> str:
-    text = f"<p>{escape(section.text)}</p>\n" if section.text else ""
+    text = f"<p>{_prose(section.text)}</p>\n" if section.text else ""
     parts = [f"<section>\n<h2>{escape(section.title)}</h2>\n{text}"]
     # Heat maps that follow one another stand side by side.
     for maps, blocks in itertools.groupby(section.blocks, lambda block: isinstance(block, HeatMap)):
@@ -94,7 +101,7 @@ def _block(block: Block, name: str) -> str:
         inner = _ranges(block, name)
     else:
         inner = _heat_map(block)
-    note = f"<p>{escape(block.note)}</p>\n" if block.note else ""
+    note = f"<p>{_prose(block.note)}</p>\n" if block.note else ""
     return f'<div class="block">\n<h3 id="{name}">{escape(block.title)}</h3>\n{inner}{note}</div>\n'
 
 

@@ -1,20 +1,17 @@
 """How surely two lists of times differ.
 
 The median of the times that a run could have taken lies between two of its repetitions, whatever their
-distribution: between the kth smallest and the kth largest of n unless fewer than k of them fell on one side
-of it, which has the chance of so few heads among n tosses of a coin (order statistics; David and Nagaraja,
-*Order Statistics*, 7.1). So each run has a band, and the ratio of two medians lies between the ratios of the
-bands' ends. Nothing is resampled: the same records give the same answer.
+distribution (``tradeoff.intervals``). So each run has a band, and the ratio of two medians lies between the
+ratios of the bands' ends. Nothing is resampled: the same records give the same answer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb
-from statistics import median
 
-CONFIDENCE = 0.95
+from clgrid.tradeoff.intervals import left_out, median_interval
+
 FEW = 4
 """Repetitions below which a band says too little: three of each fall apart by chance once in ten times."""
 SAME, SLOWER, FASTER = "same", "slower", "faster"
@@ -27,7 +24,7 @@ class Band:
     Attributes
     ----------
     confidence : float
-        At least ``CONFIDENCE``, or what so few repetitions give.
+        At least ``tradeoff.intervals.CONFIDENCE``, or what so few repetitions give.
     """
 
     median: float
@@ -57,19 +54,15 @@ class Change:
 
 
 def band(times: Sequence[float]) -> Band:
-    """Return the narrowest band between order statistics that holds the median with ``CONFIDENCE``.
+    """Return the narrowest band between order statistics that holds the median as surely as asked.
 
     Parameters
     ----------
     times : sequence of float
         At least one.
     """
-    ordered = sorted(times)
-    count = len(ordered)
-    k = 1
-    while 2 * (k + 1) <= count and _between(k + 1, count) >= CONFIDENCE:
-        k += 1
-    return Band(median(ordered), ordered[k - 1], ordered[count - k], _between(k, count), count)
+    middle, low, high = median_interval(times)
+    return Band(middle, low, high, left_out(len(times))[1], len(times))
 
 
 def change(first: Sequence[float], second: Sequence[float], threshold: float, unknown: float) -> Change:
@@ -99,8 +92,3 @@ def change(first: Sequence[float], second: Sequence[float], threshold: float, un
     elif high < 1 and ratio < 1 / (1 + threshold):
         verdict = FASTER
     return Change(ratio, low, high, known, verdict)
-
-
-def _between(k: int, count: int) -> float:
-    """The chance that the median lies between the kth smallest and the kth largest."""
-    return 1.0 - 2.0 * sum(comb(count, heads) for heads in range(k)) / 2.0**count

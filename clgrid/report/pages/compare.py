@@ -11,7 +11,7 @@ from clgrid.compare_record import COMPLETED, CompareDevice, ComparePair, Compare
 from clgrid.report.model import Axis, Block, HeatMap, Page, Range, Ranges, Section
 from clgrid.report.pages import compare_tables as tables
 from clgrid.report.pages.shared import BANDS, facts, joined, named, repeated, time_range
-from clgrid.report.quantity import BYTES, COUNT, NUMBER, SECONDS, counted
+from clgrid.report.quantity import COUNT, NUMBER, SECONDS, counted
 
 # Heat maps shown; further pairs are in the table.
 _MAPS = 12
@@ -147,15 +147,8 @@ def _ended(device: CompareDevice) -> str:
 
 
 def _facts(record: CompareRecord) -> list[tuple[str, str]]:
-    host = record.host
-    found = [
-        ("machine", f"{host.processor}, {counted(host.cores, 'hardware thread')}"),
-        ("system", host.system),
-    ]
-    if host.memory is not None:
-        found.append(("memory", BYTES.text(host.memory)))
-    found += [each for each in facts(record) if each[0] not in ("device", "driver", "platform")]
-    return [*found, *host.versions.items(), ("picture", f"{record.width} x {record.height}")]
+    found = [each for each in facts(record) if each[0] not in ("device", "driver", "platform")]
+    return [*found, ("picture", f"{record.width} x {record.height}")]
 
 
 def _agreement(record: CompareRecord) -> list[Block]:

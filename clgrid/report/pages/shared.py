@@ -7,22 +7,33 @@ from collections.abc import Sequence
 from pathlib import PurePath
 from statistics import median
 
-from clgrid.record import DeviceRecord, Header
+from clgrid.record import DeviceRecord, Header, HostRecord
 from clgrid.report.model import Cell, Range
 from clgrid.report.noise import band
-from clgrid.report.quantity import BYTES, SECONDS
+from clgrid.report.quantity import BYTES, SECONDS, counted
 
 BANDS = "Bars reach over the 95% band of the median, or over all repetitions where they are fewer than six."
 
 
 def facts(record: Header) -> list[tuple[str, str]]:
     """Return machine and versions, as far as the record says them."""
-    found = [*of_device(record.device), ("clgrid", record.clgrid)]
+    found = [*of_host(record.host), *of_device(record.device), ("clgrid", record.clgrid)]
     found += [(f"seed of {name}", str(seed)) for name, seed in record.seeds.items()]
     peak = getattr(record, "process_peak_bytes", None)
     if peak is not None:
         found.append(("memory of the process", f"at most {BYTES.text(peak)}"))
-    return found
+    return [*found, *(record.host.versions.items() if record.host else ())]
+
+
+def of_host(host: HostRecord | None) -> list[tuple[str, str]]:
+    """Return what is known of the machine."""
+    if host is None:
+        return []
+    memory = "" if host.memory is None else f", {BYTES.text(host.memory)} of memory"
+    return [
+        ("machine", f"{host.processor}, {counted(host.cores, 'hardware thread')}{memory}"),
+        ("system", host.system),
+    ]
 
 
 def of_device(device: DeviceRecord) -> list[tuple[str, str]]:

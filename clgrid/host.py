@@ -8,7 +8,7 @@ import re
 from importlib import metadata
 from pathlib import Path
 
-from clgrid.compare_record import HostRecord
+from clgrid.record import HostRecord
 
 _PACKAGES = ("numpy", "pyopencl", "OpenImageIO")
 
