@@ -103,7 +103,7 @@ class Grid(Queries, Life, Shown):
         """
         if mesh.triangle_count:
             require_tested(device, recipe.accuracy)
-        return _made(mesh, device, recipe)
+        return untested(mesh, device, recipe)
 
     @property
     def empty(self) -> bool:
@@ -365,7 +365,7 @@ def build(
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count:
         require_tested(chosen, accuracy)
-    grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: _made(mesh, chosen, recipe))
+    grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: untested(mesh, chosen, recipe))
     grid.choice = choice
     return grid
 
@@ -381,10 +381,17 @@ def require_tested(device: Device, accuracy: str, *, again: bool = False) -> Non
         If it does not.
     """
     tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
-    selftest.require(device, RUNGS[accuracy], lambda ball: _made(ball, device, tested), again=again)
+    selftest.require(device, RUNGS[accuracy], lambda ball: untested(ball, device, tested), again=again)
 
 
-def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+def untested(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+    """A grid of a recipe, though its device may fail the self-test: for what finds out why.
+
+    Raises
+    ------
+    GridTooLargeError, DeviceError
+        As of ``build``.
+    """
     grid = Grid(mesh, device, recipe)
     if mesh.triangle_count:
         grid._build()

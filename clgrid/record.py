@@ -427,8 +427,14 @@ def describe_device(device: Device) -> DeviceRecord:
 
 
 def describe_builds(device: Device) -> tuple[str, ...]:
-    """List the kernel files built on the device so far, each with its options."""
-    return tuple(" ".join((built.file, *built.options)) for built in builds(device))
+    """List the kernel files built on the device so far, each with its options.
+
+    Sources that are not clgrid's own are told by their digest: ``CLGRID_KERNELS=1f2e...``.
+    """
+    return tuple(
+        " ".join((built.file, *built.options, *([f"CLGRID_KERNELS={built.kernels}"] * bool(built.kernels))))
+        for built in builds(device)
+    )
 
 
 def version() -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import oracle
+import planted
 import precise_twin
 import pytest
 
@@ -285,17 +286,8 @@ def loose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Kernels whose edge functions are contracted, as a compiler does that ignores FP_CONTRACT OFF."""
     folder = tmp_path / "cl"
     shutil.copytree(program.source_folder(), folder)
-    test = folder / "triangle_robust.h"
-    text = test.read_text(encoding="utf-8")
-    contracted = text.replace("const float u = p->cx * p->by - p->cy * p->bx;", (
-        "const float u = fma(p->cx, p->by, -(p->cy * p->bx));"
-    )).replace("const float v = p->ax * p->cy - p->ay * p->cx;", (
-        "const float v = fma(p->ax, p->cy, -(p->ay * p->cx));"
-    )).replace("const float w = p->bx * p->ay - p->by * p->ax;", (
-        "const float w = fma(p->bx, p->ay, -(p->by * p->ax));"
-    ))  # fmt: skip
-    assert contracted.count("fma(") == 3
-    test.write_text(contracted, encoding="utf-8")
+    for name, text in planted.fused_edges().items():
+        (folder / name).write_text(text, encoding="utf-8")
     monkeypatch.setattr(program, "source_folder", lambda: folder)
     program._digest.cache_clear()
     yield folder

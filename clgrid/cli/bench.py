@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from clgrid.bench import Work
-    from clgrid.camera import Camera
     from clgrid.device import Device
     from clgrid.record import BenchRecord, Failure, FramesRecord, WorkloadRecord
-    from clgrid.scene import Scene
 
 RAYS, MOTION = "Rays of renderers", "Moving meshes"
 
@@ -117,7 +115,7 @@ def bench(
         accuracy=accuracy,
         max_memory=memory,
         skipping=skipping,
-        view=_view(camera, eye, look_at, up, fov),
+        view=cameras.view_of(camera, eye, look_at, up, fov),
     )
     show = _Show(json=json, quiet=quiet)
     if workload is not None:
@@ -140,15 +138,6 @@ def _check_modes(
     for option, owner in (("bounces", "diffuse"), ("rays", "random")):
         if workload != owner and option in numbers:
             raise InputError(f"bench: --{option} belongs to --workload {owner}; leave it out")
-
-
-def _view(
-    camera: str, eye: str, look_at: str, up: str, fov: float | None
-) -> Callable[[Scene, float], Camera] | None:
-    """The camera of each scene; None where no option speaks of it."""
-    if not camera and not eye and not look_at and up == "auto" and fov is None:
-        return None
-    return lambda scene, aspect: cameras.choose_camera(scene, aspect, camera, eye, look_at, up, fov)
 
 
 class _Show:
