@@ -159,9 +159,9 @@ class Adapts(Queries, Life):
 
         Other threads may be casting through the one before: it goes when they are done with it.
         """
-        before, made = self.standing, []
+        made: list[GridPart] = []
         try:
-            for part in before:
+            for part in self.standing:
                 made.append(self._build_part(part.mesh, recipe))
         except GridTooLargeError as error:
             log.info("the grid over %s stays as it is: %s", self.mesh.source, error)

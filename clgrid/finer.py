@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from clgrid import calibrate, cost
 from clgrid.device import Device
+from clgrid.errors import GridTooLargeError
 from clgrid.estimate import Sample, Work, estimates, leaping, sample
 from clgrid.layouts.lists import NESTED
 from clgrid.mesh import Mesh
@@ -98,7 +99,11 @@ def plan(mesh: Mesh, device: Device, standing: Recipe, nbytes: int) -> Plan | No
     seen = sample(mesh)
     speed = _speed(constants)
     before = ray_s(_work(seen, standing), standing.layout, standing.skipping, speed)
-    return best(cost.candidates(seen, asked, constants), standing, before, speed)
+    try:
+        found = cost.candidates(seen, asked, constants)
+    except GridTooLargeError:
+        return None  # a mesh of so many triangles that no finer grid's cells can be numbered
+    return best(found, standing, before, speed)
 
 
 def best(found: Sequence[cost.Candidate], standing: Recipe, before: float, speed: float) -> Plan | None:

@@ -201,6 +201,7 @@ def test_a_slower_device_saves_as_many_times_more() -> None:
     assert two.saved_s == pytest.approx(3 * one.saved_s)
 
 
+@pytest.mark.host
 def test_a_plan_keeps_to_the_bytes(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """A quarter of a hierarchy's, and what is left of ``max_memory`` beside the grid that stands."""
     typical = {kind: calibrate.typical(kind) for kind in calibrate._TYPICAL_CAST}
@@ -257,6 +258,7 @@ def test_every_byte_is_told(device: Device, paid: None) -> None:
     assert "rays without order" in grid._repr_html_()
 
 
+@pytest.mark.host
 def test_memory_that_is_not_allowed_is_not_taken(device: Device, paid: None) -> None:
     small = an_open_grid(device, adapt=False).nbytes
     grid = an_open_grid(device, max_memory=small + 1000)
@@ -286,6 +288,7 @@ def test_an_update_builds_what_was_chosen(device: Device, paid: None) -> None:
     assert grid._allocator.in_use == sum(held.values())
 
 
+@pytest.mark.host
 @pytest.mark.parametrize(
     "options",
     [
@@ -307,11 +310,13 @@ def test_what_is_fixed_stays(options: dict[str, object], device: Device, paid: N
     assert not grid.adapted
 
 
+@pytest.mark.host
 def test_by_default_nothing_adapts(device: Device, paid: None) -> None:
     assert not build(BALL, device=device).recipe.adapts
     assert an_open_grid(device).recipe.adapts
 
 
+@pytest.mark.host
 def test_steps_are_told_of_the_grid_that_stands(device: Device, paid: None) -> None:
     grid = an_open_grid(device)
     steps = [grid.cast(*some_rays(), fields=("steps",)).steps for _ in range(2)]
@@ -319,6 +324,7 @@ def test_steps_are_told_of_the_grid_that_stands(device: Device, paid: None) -> N
     np.testing.assert_array_equal(*steps)
 
 
+@pytest.mark.host
 def test_a_mesh_without_triangles(device: Device, paid: None, tmp_path: Path) -> None:
     nothing = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
     grid = build(nothing, device=device, **OPEN)  # type: ignore[arg-type]
@@ -327,6 +333,7 @@ def test_a_mesh_without_triangles(device: Device, paid: None, tmp_path: Path) ->
     grid.save(tmp_path / "grid")
 
 
+@pytest.mark.host
 def test_copies_and_pickles_start_as_chosen_and_files_hold_what_stands(
     device: Device, paid: None, tmp_path: Path
 ) -> None:
@@ -346,6 +353,7 @@ def test_copies_and_pickles_start_as_chosen_and_files_hold_what_stands(
     assert opened.stats.nbytes == grid.stats.nbytes
 
 
+@pytest.mark.host
 def test_a_released_grid_tells_of_the_last_that_stood(device: Device, paid: None) -> None:
     grid = an_open_grid(device)
     grid.cast(*some_rays())
@@ -356,6 +364,7 @@ def test_a_released_grid_tells_of_the_last_that_stood(device: Device, paid: None
         grid.cast(*some_rays())
 
 
+@pytest.mark.host
 def test_a_grid_that_nobody_refers_to_goes_at_once(device: Device, paid: None) -> None:
     gc.disable()
     try:
@@ -413,6 +422,7 @@ def test_kernels_under_way_read_the_grid_that_stood(
     assert old() is None
 
 
+@pytest.mark.host
 def test_a_release_meanwhile_is_not_undone(
     device: Device, paid: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
