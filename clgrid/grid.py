@@ -76,6 +76,8 @@ class Grid(Adapts, Shown):
         self._stats: tuple[list[GridPart], GridStats] | None = None
         self._swapping = threading.Lock()
         self._wait_for_rays()
+        # What lets the next build have the arrays when the grid is gone.
+        self._endings: list[weakref.finalize[Any, Any]] = []
 
     @property
     def layout(self) -> str:
@@ -159,6 +161,7 @@ class Grid(Adapts, Shown):
             recipe.skipping,
             recipe.density,
         )
+        self._endings.append(allocator.give_with(lists, lists.buffers, self.under_way.wait))
         return GridPart(part, lists)
 
     def stand_on(self, ends: Sequence[int], makers: Sequence[Callable[[Allocator], CellLists]]) -> None:
@@ -170,6 +173,9 @@ class Grid(Adapts, Shown):
 
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
+        for ending in self._endings:
+            ending.detach()
+        self._endings = []
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []

@@ -175,6 +175,7 @@ def record_name(seen: Description, rung: str) -> str:
     )
     return "selftest-" + cache.key(
         *(rung, EXPECTED[rung], seen.platform_version, seen.name, seen.driver_version),
+        *((seen.note,) if seen.note else ()),
         *(source_digest(file) for file in files),
     )
 
