@@ -60,9 +60,8 @@ def test_points_that_had_few_turns_are_not_named() -> None:
 
 def test_a_near_thing_names_the_other() -> None:
     rows = [row("robust", 0.01, 0, density=2.0), row("robust", 0.01, 0)]
-    assert "a near thing: 60% of the draws say so, others robust, compact, density 2;" in said(
-        rows, 1, None, 0.6
-    )
+    text = said(rows, 1, None, 0.6)
+    assert "a near thing: 60 % of the draws say so, others robust, compact, density 2;" in text
 
 
 def test_frames_and_measures() -> None:
@@ -78,8 +77,8 @@ def test_what_comes_nearest_where_nothing_will_do() -> None:
     text = nearest(rows, Wish(max_error=0.0, max_time_s=0.01, max_memory=1000), CHECK)
     assert text == (
         "no point keeps to pixels 0 and 10 ms and 1 kB; within the error the fastest is robust, compact,"
-        " density 1, 20 ms; within the time fast, compact, density 1 has the least error, 7 wrong pixels in 1,048,576"
-        f" (below {rate_most(7, PIXELS):.2g} at 95 %)"
+        " density 1, 20 ms; within the time fast, compact, density 1 has the least error, 7 wrong pixels in"
+        f" 1,048,576 (below {rate_most(7, PIXELS):.2g} at 95 %)"
     )
 
 
