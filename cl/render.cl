@@ -209,13 +209,13 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
 #ifdef AOV_NORMAL
                 float x_of[4], y_of[4], z_of[4];
 #ifdef RUNG_FAST
-                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[0] + k), 0, x_of);
-                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[1] + k), 0, y_of);
-                vstore4(missed ? (float4)(0.0f) : vload4(0, shaded.normal[2] + k), 0, z_of);
+                vstore4(vload4(0, shaded.normal[0] + k), 0, x_of);
+                vstore4(vload4(0, shaded.normal[1] + k), 0, y_of);
+                vstore4(vload4(0, shaded.normal[2] + k), 0, z_of);
 #else
-                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.x), 0, x_of);
-                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.y), 0, y_of);
-                vstore4(missed ? (float4)(0.0f) : convert_float4(normal.z), 0, z_of);
+                vstore4(convert_float4(normal.x), 0, x_of);
+                vstore4(convert_float4(normal.y), 0, y_of);
+                vstore4(convert_float4(normal.z), 0, z_of);
 #endif
 #endif
                 for (uint i = 0; i < 4 && x + i < right; ++i) {
@@ -241,7 +241,9 @@ __kernel void render(__constant const CameraParams *camera, __constant const Fra
                     t_errs[at] = lit ? (float)(t_err * (1.0 + 0x1p-22)) : 0.0f;  // not rounded down
 #endif
 #ifdef AOV_NORMAL
-                    vstore3((float3)(x_of[i], y_of[i], z_of[i]), at, normals);
+                    normals[3 * at] = lit ? x_of[i] : 0.0f;
+                    normals[3 * at + 1] = lit ? y_of[i] : 0.0f;
+                    normals[3 * at + 2] = lit ? z_of[i] : 0.0f;
 #endif
 #ifdef AOV_ID
 #ifdef PARTS

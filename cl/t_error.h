@@ -60,7 +60,7 @@ double4 t_errors(const double4 *x, const double4 *y, const double4 *z, double4 d
                           + (400 * unit * (reach + depth) + 8192 * unit * unit);
     const double4 across = fabs(det) - (450 * unit * reach + 8192 * unit * unit);
     const double4 slide = fabs(z_scale) * (aside * (along / across));
-    return ((across > 0.0) & (slide < extent) ? slide : extent) + late;
+    return (((across > 0.0) & (slide < extent)) ? slide : extent) + late;
 }
 #endif
 

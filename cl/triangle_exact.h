@@ -48,9 +48,9 @@ bool crosses(const Ray *ray, const Projection *s, Meeting *meeting, double *weig
         return crosses_exactly(ray, meeting, weights);
     meeting->certain = true;
     const Sheared p = shear_triangle(s, &meeting->corners);
-    const double u = p.cx * p.by - p.cy * p.bx;
-    const double v = p.ax * p.cy - p.ay * p.cx;
-    const double w = p.bx * p.ay - p.by * p.ax;
+    double edges[3];
+    edge_functions(&p, edges);
+    const double u = edges[0], v = edges[1], w = edges[2];
     const double reach = reach_of(&p), doubt = DOUBT(reach);
     if (signs_differ(u, v, w, doubt))
         return false;

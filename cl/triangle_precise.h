@@ -67,9 +67,9 @@ bool finish_hit(const Projection *s, const Sheared *p, double u, double v, doubl
 
 bool intersect_triangle(const Projection *s, const Sheared *p, double *t, double *weights)
 {
-    const double u = p->cx * p->by - p->cy * p->bx;
-    const double v = p->ax * p->cy - p->ay * p->cx;
-    const double w = p->bx * p->ay - p->by * p->ax;
+    double edges[3];
+    edge_functions(p, edges);
+    const double u = edges[0], v = edges[1], w = edges[2];
     if (signs_differ(u, v, w, 0.0))
         return false;
     return finish_hit(s, p, u, v, w, t, weights);

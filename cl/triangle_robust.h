@@ -94,11 +94,22 @@ bool finish_hit(const Shear *s, const Sheared *p, float u32, float v32, float w3
     return true;
 }
 
-bool intersect_triangle(const Shear *s, const Sheared *p, float *t, double *weights)
+// Of the edges that are opposite of a, b and c.
+void edge_functions(const Sheared *p, float *edges)
 {
     const float u = p->cx * p->by - p->cy * p->bx;
     const float v = p->ax * p->cy - p->ay * p->cx;
     const float w = p->bx * p->ay - p->by * p->ax;
+    edges[0] = u;
+    edges[1] = v;
+    edges[2] = w;
+}
+
+bool intersect_triangle(const Shear *s, const Sheared *p, float *t, double *weights)
+{
+    float edges[3];
+    edge_functions(p, edges);
+    const float u = edges[0], v = edges[1], w = edges[2];
     if ((u < 0.0f || v < 0.0f || w < 0.0f) && (u > 0.0f || v > 0.0f || w > 0.0f))
         return false;
     return finish_hit(s, p, u, v, w, t, weights);

@@ -65,6 +65,17 @@ Sheared shear_triangle(const Projection *s, const Corners *corners)
     return p;
 }
 
+// Of the edges that are opposite of a, b and c.
+void edge_functions(const Sheared *p, double *edges)
+{
+    const double u = p->cx * p->by - p->cy * p->bx;
+    const double v = p->ax * p->cy - p->ay * p->cx;
+    const double w = p->bx * p->ay - p->by * p->ax;
+    edges[0] = u;
+    edges[1] = v;
+    edges[2] = w;
+}
+
 double reach_of(const Sheared *p)
 {
     return fmax(fmax(fmax(fabs(p->ax), fabs(p->ay)), fmax(fabs(p->bx), fabs(p->by))),

@@ -26,8 +26,15 @@ def key(*facts: object) -> str:
     return hashlib.sha256(json.dumps([str(fact) for fact in facts]).encode()).hexdigest()[:24]
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str, mode: int = 0o600) -> None:
     """Write ``text`` so that a reader sees all of it or none: beside, then renamed.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+    mode : int
+        Who may read the file.
 
     Raises
     ------
@@ -39,6 +46,7 @@ def write_whole(path: Path, text: str) -> None:
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
+        os.chmod(beside, mode)
         os.replace(beside, path)
     except BaseException:
         with contextlib.suppress(FileNotFoundError):

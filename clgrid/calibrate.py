@@ -111,6 +111,7 @@ def cache_name(device: Device, layout: str, skipping: bool) -> str:
     return "cost-" + cache.key(
         *(_FORMAT, layout, skipping),
         *(seen.platform_version, seen.name, seen.driver_version, seen.compute_units),
+        *((seen.note,) if seen.note else ()),
         *(source_digest(file) for file in files),
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from clgrid import pocl, probe, registration
+from clgrid import fission, pocl, probe, registration
 from clgrid.description import Description, describe, matching, preference
 from clgrid.errors import DeviceError
 
@@ -20,7 +20,7 @@ INSTALL = "pip install 'pyopencl[pocl]', or: pip install intel-opencl-rt intel-c
 _lock = threading.RLock()
 _found: tuple[tuple[Description, Any], ...] | None = None
 _found_by: int = 0  # process id
-_devices: dict[int, Device] = {}
+_devices: dict[tuple[int, int | None], Device] = {}
 
 
 class Device:
@@ -174,14 +174,15 @@ def choose(selector: str | Device | None = None) -> Device:
     ----------
     selector : str, Device or None
         An index of ``clgrid devices``, a label, part of a platform's or device's name or driver version
-        (any case), or ``platform:device`` where either is such a part or an index within its list. None
+        (any case), or ``platform:device`` where either is such a part or an index within its list. Behind
+        any of these, ``/N`` means N of its compute units, which is threads on a CPU: ``pocl-3.0/1``. None
         takes ``CLGRID_DEVICE``, or else the first CPU that works: Intel's runtime, the newest PoCL,
         other CPUs, then GPUs; never Oclgrind or Mesa's software drivers.
 
     Raises
     ------
     DeviceError
-        If nothing matches, several devices match, or no device works.
+        If nothing matches, several devices match, no device works, or the driver does not divide it.
     """
     if isinstance(selector, Device):
         return selector
@@ -189,10 +190,34 @@ def choose(selector: str | Device | None = None) -> Device:
         found = _find()
         text = (selector if selector is not None else os.environ.get("CLGRID_DEVICE", "")).strip()
         descriptions = [description for description, _ in found]
-        chosen = _select(descriptions, text) if text else _default(descriptions)
-        if chosen.index not in _devices:
-            _devices[chosen.index] = Device(found[chosen.index][1], chosen)
-        return _devices[chosen.index]
+        name, units = _divided(descriptions, text)
+        chosen = _select(descriptions, name) if text else _default(descriptions)
+        if (chosen.index, units) not in _devices:
+            whole = found[chosen.index][1]
+            own = (whole, chosen) if units is None else fission.part(whole, chosen, units)
+            _devices[chosen.index, units] = Device(*own)
+        return _devices[chosen.index, units]
+
+
+def described(selector: str) -> tuple[Description, int | None]:
+    """What is known of the device that a selector names, and how many of its compute units are meant.
+
+    Raises
+    ------
+    DeviceError
+        If nothing or several devices match, or it has no such part.
+    """
+    descriptions = describe_all()
+    name, units = _divided(descriptions, selector.strip())
+    whole = _select(descriptions, name)
+    if units is not None:
+        fission.check_units(whole, units)
+    return whole, units
+
+
+def _divided(descriptions: Sequence[Description], text: str) -> tuple[str, int | None]:
+    """``fission.split``, unless a device is really called that."""
+    return (text, None) if matching(descriptions, text) else fission.split(text)
 
 
 def _default(descriptions: Sequence[Description]) -> Description:
@@ -266,8 +291,7 @@ def _ask_loader() -> list[tuple[Description, Any]]:
             log.debug("platform %s has no devices: %s", platform.name, error)
     found: list[Description] = []
     for index, (platform, device) in enumerate(devices):
-        processor = pocl.name_processor(platform, device)
-        note = f"compiles for {processor}: its LLVM does not know this processor" if processor else ""
+        note = pocl.name_processor(platform, device)
         description = describe(cl, index, platform, device, {d.label for d in found})
         found.append(replace(description, note=note))
     candidates = [d for d in found if d.implicit]

@@ -7,6 +7,7 @@ one has volume. How much of a line is before its first hit, ``sightlines`` tells
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -118,12 +119,11 @@ def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sampl
         Whose picture the rays are; without, rays come from anywhere outside.
     """
     count = mesh.triangle_count
-    taken = np.arange(count)
-    if count > size:
-        within = np.random.default_rng(0).random(size)
-        taken = ((np.arange(size) + within) * (count / size)).astype(np.int64)
+    taken = (_draws(size) * (count / size)).astype(np.int64) if count > size else np.arange(count)
     frame = LocalFrame.of_bounds(mesh.bounds)
-    local = frame.to_local(mesh.vertices[mesh.faces[taken].reshape(-1)]).astype(np.float64)
+    # numpy takes rows in two thirds of the time in which it indexes them.
+    corners = mesh.vertices.take(mesh.faces.take(taken, axis=0).reshape(-1), axis=0)
+    local = frame.to_local(corners).astype(np.float64)
     a, b, c = np.ascontiguousarray(local.reshape(-1, 3, 3).transpose(1, 2, 0))
     e, f = b - a, c - a
     twice = np.stack([e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]])
@@ -139,6 +139,12 @@ def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sampl
         bounds=bounds,
         triangles=count,
     )
+
+
+@functools.cache
+def _draws(size: int) -> npt.NDArray[np.float64]:
+    """A number at random out of each of so many runs of length 1, one after the other."""
+    return np.arange(size) + np.random.default_rng(0).random(size)
 
 
 @dataclass(frozen=True)

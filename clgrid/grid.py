@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
 
 from clgrid import cost, layouts, selftest
+from clgrid.adapted import Adapts
 from clgrid.camera import Camera
 from clgrid.cast import GridPart
 from clgrid.device import Device, choose
 from clgrid.errors import BufferTooLargeError, InputError
 from clgrid.frame import LocalFrame
 from clgrid.layouts.lists import CellLists
-from clgrid.life import Life
 from clgrid.memory import Allocator
 from clgrid.mesh import FloatArray, Mesh
 from clgrid.prediction import predict as predict
 from clgrid.prediction import predict_choice as predict_choice
-from clgrid.queries import Queries
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
 from clgrid.shown import Facts, Shown, below_picture, bytes_text, counted
@@ -37,7 +36,7 @@ _THUMBNAIL = (240, 180)
 _MOST_PARTS = 256
 
 
-class Grid(Queries, Life, Shown):
+class Grid(Adapts, Shown):
     """A grid over a mesh, on a device. Made by ``clgrid.build``.
 
     Threads may ask it anything at once, and get the bits that one gets. ``update`` moves what they ask, so it
@@ -57,6 +56,9 @@ class Grid(Queries, Life, Shown):
     choice : Choice or None
         The grids among which this one was chosen, with their estimated seconds and bytes; None where nothing
         was left to choose.
+    adapted : bool
+        Whether rays that have little in common had it rebuilt, since it had been chosen for others: layout,
+        skipping, bytes and stats are then of the finer grid. ``update`` builds the one that was chosen.
     """
 
     def __init__(self, mesh: Mesh, device: Device, recipe: Recipe) -> None:
@@ -71,11 +73,16 @@ class Grid(Queries, Life, Shown):
         # Before the arrays go, and before the process ends.
         weakref.finalize(self, self.under_way.wait)
         self.choice: cost.Choice | None = None
+        self._stats: tuple[list[GridPart], GridStats] | None = None
+        self._swapping = threading.Lock()
+        self._wait_for_rays()
+        # What lets the next build have the arrays when the grid is gone.
+        self._endings: list[weakref.finalize[Any, Any]] = []
 
     @property
     def layout(self) -> str:
         """How cells find their lists."""
-        return self.recipe.layout
+        return self._stands_as.layout
 
     @property
     def accuracy(self) -> str:
@@ -90,7 +97,7 @@ class Grid(Queries, Life, Shown):
     @property
     def skipping(self) -> bool:
         """Whether rays leap over empty space."""
-        return self.recipe.skipping
+        return self._stands_as.skipping
 
     @classmethod
     def rebuilt(cls, mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
@@ -103,7 +110,7 @@ class Grid(Queries, Life, Shown):
         """
         if mesh.triangle_count:
             require_tested(device, recipe.accuracy)
-        return _made(mesh, device, recipe)
+        return untested(mesh, device, recipe)
 
     @property
     def empty(self) -> bool:
@@ -113,9 +120,10 @@ class Grid(Queries, Life, Shown):
 
     def _let_go(self) -> None:
         if self.parts:
-            _ = self.stats  # which outlives the buffers
+            self._stats = [], self.stats  # which outlive the buffers
         self.under_way.wait()
-        self.parts, self._target = [], None
+        with self._swapping:
+            self.parts, self._target = [], None
         self._allocator.drop()
 
     def _build(self) -> None:
@@ -132,7 +140,7 @@ class Grid(Queries, Life, Shown):
                 mesh_parts = target.parts(count)
                 self.upload_s = self.upload_s or time.perf_counter() - start
                 for part in mesh_parts:
-                    self.parts.append(self._build_part(part))
+                    self.parts.append(self._build_part(part, self.recipe))
                     self._allocator.finished = self.nbytes
                 return
             except BufferTooLargeError:
@@ -141,8 +149,8 @@ class Grid(Queries, Life, Shown):
                     raise
                 count *= 2
 
-    def _build_part(self, part: MeshPart) -> GridPart:
-        recipe, allocator = self.recipe, self._allocator
+    def _build_part(self, part: MeshPart, recipe: Recipe) -> GridPart:
+        allocator = self._allocator
         lists = layouts.build(
             self.device,
             allocator,
@@ -153,6 +161,7 @@ class Grid(Queries, Life, Shown):
             recipe.skipping,
             recipe.density,
         )
+        self._endings.append(allocator.give_with(lists, lists.buffers, self.under_way.wait))
         return GridPart(part, lists)
 
     def stand_on(self, ends: Sequence[int], makers: Sequence[Callable[[Allocator], CellLists]]) -> None:
@@ -164,6 +173,9 @@ class Grid(Queries, Life, Shown):
 
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
+        for ending in self._endings:
+            ending.detach()
+        self._endings = []
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []
@@ -190,8 +202,9 @@ class Grid(Queries, Life, Shown):
             return
         self.under_way.wait()
         self.mesh = moved
-        for name in ("stats", "open_edges"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("open_edges", None)
+        self._stats = None
+        self._wait_for_rays()
         self._allocator.recycles = True
         self._give_back()
         self._build()
@@ -263,13 +276,19 @@ class Grid(Queries, Life, Shown):
         """Most device bytes that the build held at once, the finished grid included."""
         return self._allocator.peak_nbytes
 
-    @cached_property
+    @property
     def stats(self) -> GridStats:
         """Counts, bytes and seconds."""
         if not self.mesh.triangle_count:
             return NO_STATS
-        lists = [part.lists for part in self.parts or self.standing]
-        return stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
+        known, parts = self._stats, self.parts
+        # A released grid has no parts, but what was known of them.
+        if known is not None and (known[0] is parts or not parts):
+            return known[1]
+        lists = [part.lists for part in parts or self.standing]
+        made = stats_of(lists, self.mesh.triangle_count, self.upload_s, self.peak_nbytes)
+        self._stats = parts, made
+        return made
 
     def _headline(self) -> str:
         how = f"{self.layout}, {self.accuracy}, on {self.device.label}"
@@ -279,7 +298,9 @@ class Grid(Queries, Life, Shown):
     def _facts(self) -> Facts:
         # None of a grid whose last update failed.
         stands = self.parts or self._released or not self.mesh.triangle_count
-        return facts_of(self.stats) if stands else {}
+        facts = facts_of(self.stats) if stands else {}
+        was = f"for rays without order, in place of {self.recipe.layout}, density {self.recipe.density:g}"
+        return {**facts, "rebuilt": was} if self.adapted else facts
 
     def _repr_html_(self) -> str:
         """A small picture of the mesh and a table, for notebooks."""
@@ -319,6 +340,7 @@ def build(
     skipping: bool | str = False,
     rays: int = cost.DEFAULT_RAYS,
     view: Camera | None = None,
+    adapt: bool = True,
 ) -> Grid:
     """Build a grid over a mesh.
 
@@ -350,6 +372,11 @@ def build(
     view : Camera, optional
         Whose picture the rays are: from within a scene they take more tests than from outside, which they are
         taken for without.
+    adapt : bool
+        Whether rays that have little in common, once so many are cast that it pays, may have the grid
+        rebuilt for them, while ``cast`` or another query runs: the same hits, sooner, from then on. Only
+        where layout, density and skipping are all "auto", and never on the rung ``fast``, beyond
+        ``max_memory`` with the one before, or beyond about 24 bytes a triangle.
 
     Raises
     ------
@@ -361,17 +388,19 @@ def build(
     DeviceError
         If there is no usable device, or it fails the self-test of the accuracy.
     """
-    asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays, view)
+    asked = Options(layout, density, resolution, accuracy, max_memory, skipping, rays, view, adapt)
     chosen = device if isinstance(device, Device) else choose(device)
     if mesh.triangle_count:
         require_tested(chosen, accuracy)
-    grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: _made(mesh, chosen, recipe))
+    grid, choice = asked.first_that_fits(mesh, chosen, lambda recipe: untested(mesh, chosen, recipe))
     grid.choice = choice
     return grid
 
 
-def require_tested(device: Device, accuracy: str) -> None:
+def require_tested(device: Device, accuracy: str, *, again: bool = False) -> None:
     """Find out, before the first grid of this accuracy on the device, that it keeps the promises.
+
+    ``again``: also where it is known already.
 
     Raises
     ------
@@ -379,10 +408,17 @@ def require_tested(device: Device, accuracy: str) -> None:
         If it does not.
     """
     tested = Recipe(selftest.LAYOUT, selftest.DENSITY, None, accuracy, None, False)
-    selftest.require(device, RUNGS[accuracy], lambda ball: _made(ball, device, tested))
+    selftest.require(device, RUNGS[accuracy], lambda ball: untested(ball, device, tested), again=again)
 
 
-def _made(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+def untested(mesh: Mesh, device: Device, recipe: Recipe) -> Grid:
+    """A grid of a recipe, though its device may fail the self-test: for what finds out why.
+
+    Raises
+    ------
+    GridTooLargeError, DeviceError
+        As of ``build``.
+    """
     grid = Grid(mesh, device, recipe)
     if mesh.triangle_count:
         grid._build()

@@ -54,6 +54,9 @@ _PARTS: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
     ("coverage", np.float32, ("coverage",)),
 )
 
+GROUPS = tuple(name for name, _, _ in _PARTS)
+"""Names of the groups, in the order of an EXR's parts."""
+
 
 @dataclass(repr=False)
 class Image(Shown):

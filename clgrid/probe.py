@@ -85,17 +85,9 @@ def attempt(platform: str, name: str, driver_version: str, timeout: float = TIME
     """
     with tempfile.TemporaryDirectory(prefix="clgrid-probe-") as scratch:
         environment = {**os.environ, "POCL_CACHE_DIR": scratch, "PYOPENCL_NO_CACHE": "1"}
-        try:
-            child = subprocess.run(
-                child_command("clgrid.probe", platform, name, driver_version),
-                env=environment,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=timeout,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
+        command = child_command("clgrid.probe", platform, name, driver_version)
+        child = run_child(command, timeout, environment)
+        if child is None:
             reason = f"compiling a small kernel takes more than {timeout:.0f} s"
             return Outcome(ok=False, seconds=timeout, reason=reason, cure=f"use another device: {_INTEL}")
     if child.returncode == 0:
@@ -108,6 +100,30 @@ def child_command(module: str, *arguments: str) -> list[str]:
     """Command line that runs ``module.main(*arguments)`` in an interpreter that imports as this one does."""
     code = f"import sys; sys.path[:] = {sys.path!r}; import {module} as m; m.main(*sys.argv[1:])"
     return [sys.executable, "-c", code, *arguments]
+
+
+def run_child(
+    command: list[str], timeout: float, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str] | None:
+    """What became of a child process; None if it did not end within so many seconds, and was killed."""
+    try:
+        return subprocess.run(
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def last_words(output: str, returncode: int) -> str:
+    """What a child that failed said last, or how it was killed."""
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    return lines[-1][:300] if lines and returncode > 0 else ending(returncode)
 
 
 def explain(output: str, returncode: int) -> tuple[str, str]:

@@ -58,17 +58,47 @@ class Build:
     file : str
         The .cl file.
     options : tuple of str
-        The ``-D`` options compiled in.
+        The ``-D`` options compiled in, and those of ``build_options``.
+    kernels : str
+        Digest of the sources, where they are not clgrid's own (``CLGRID_KERNELS``); else empty.
     """
 
     device: Device
     file: str
     options: tuple[str, ...]
+    kernels: str = ""
 
 
 @functools.cache
 def source_folder() -> Path:
-    """Folder of the .cl and .h files: clgrid/cl when installed, the checkout's cl/ when editable."""
+    """Folder of the .cl and .h files: ``own_source_folder``, or the one that ``CLGRID_KERNELS`` names.
+
+    Raises
+    ------
+    DeviceError
+        If that holds no kernels.
+    """
+    named = os.environ.get("CLGRID_KERNELS", "")
+    if not named:
+        return own_source_folder()
+    folder = Path(named).absolute()
+    if not (folder / "config.h").is_file():
+        raise DeviceError(f"CLGRID_KERNELS is {named!r}, which holds no kernels of clgrid; unset it")
+    log.warning("kernels come from %s (CLGRID_KERNELS): clgrid promises nothing of them", folder)
+    return folder
+
+
+@functools.cache
+def build_options() -> tuple[str, ...]:
+    """What ``CLGRID_BUILD_OPTIONS`` adds to the options of every build, to try what a driver does with it."""
+    options = tuple(os.environ.get("CLGRID_BUILD_OPTIONS", "").split())
+    if options:
+        log.warning("built with %s (CLGRID_BUILD_OPTIONS): clgrid promises nothing", " ".join(options))
+    return options
+
+
+def own_source_folder() -> Path:
+    """Folder of clgrid's kernels: clgrid/cl when installed, the checkout's cl/ when editable."""
     inside = Path(__file__).parent / "cl"
     return inside if inside.is_dir() else Path(__file__).parent.parent / "cl"
 
@@ -97,7 +127,7 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
         If a macro cannot be passed to every OpenCL compiler.
     """
     kernels: dict[tuple[_Variant, str], Any] = _local.__dict__.setdefault("kernels", {})
-    variant = _Variant(device, file, _digest(file), _options(defines))
+    variant = _Variant(device, file, _digest(file), (*_options(defines), *build_options()))
     if (variant, name) not in kernels:
         with _lock:
             _check_once(device)
@@ -106,7 +136,7 @@ def kernel(device: Device, file: str, name: str, **defines: bool | int | str) ->
 
 
 def source_digest(file: str) -> str:
-    """Digest of a .cl file and every file that it includes, directly or not."""
+    """Digest of a .cl file, every file that it includes, directly or not, and ``build_options``."""
     return _digest(file)
 
 
@@ -175,7 +205,8 @@ def _fetch(variant: _Variant, name: str) -> Any:
         variant.device, variant.file, variant.options, structs.declarations(), name, known
     )
     if known is None:
-        _builds.append(Build(variant.device, variant.file, variant.options))
+        foreign = variant.digest if _folder_of(variant.file) != own_source_folder() else ""
+        _builds.append(Build(variant.device, variant.file, variant.options, foreign))
     _programs[variant] = program
     return found
 
@@ -220,7 +251,7 @@ def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -
     """
     _make_ready(device)
     cl = registration.opencl()
-    folder = source_folder()
+    folder = _folder_of(file)
     source = f'{prologue}#line 1 "{file}"\n{(folder / file).read_text(encoding="utf-8")}'
     arguments = ["-I", str(include_folder(folder)), f"-DCLG_SOURCE_HASH=0x{_digest(file)}UL", *options]
     with warnings.catch_warnings():
@@ -231,6 +262,16 @@ def _compile(device: Device, file: str, options: Sequence[str], prologue: str) -
         except cl.Error as error:
             what = _first_error(str(error))
             raise DeviceError(f"{file} does not compile on {device.label}: {what}") from error
+
+
+def _folder_of(file: str) -> Path:
+    """Where a file is taken from: clgrid's own folder, if it and all it includes are the same there.
+
+    The folder's path is part of the keys of drivers' caches.
+    """
+    folder, own = source_folder(), own_source_folder()
+    same = folder != own and (own / file).is_file() and _digest_of(own / file) == _digest(file)
+    return own if same else folder
 
 
 def _make_ready(device: Device) -> None:
@@ -277,9 +318,13 @@ def _options(defines: dict[str, bool | int | str]) -> tuple[str, ...]:
 
 @functools.cache
 def _digest(file: str) -> str:
-    """Digest of ``file`` and every file that it includes, directly or not."""
-    digest = hashlib.sha256()
-    for path in _reachable(source_folder() / file):
+    """Digest of ``file``, every file that it includes, directly or not, and ``build_options``."""
+    return _digest_of(source_folder() / file)
+
+
+def _digest_of(source: Path) -> str:
+    digest = hashlib.sha256("".join(f"{option}\0" for option in build_options()).encode())
+    for path in _reachable(source):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
@@ -301,7 +346,7 @@ def _reachable(path: Path) -> list[Path]:
         if not current.is_file():
             raise DeviceError(f"kernel source {current} is missing: reinstall clgrid")
         found.append(current)
-        waiting += [source_folder() / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
+        waiting += [current.parent / name for name in _INCLUDE.findall(current.read_text(encoding="utf-8"))]
     return found
 
 

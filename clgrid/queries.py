@@ -20,7 +20,7 @@ from clgrid.errors import InputError
 from clgrid.hits import ALL_FIELDS, AllHits, Hits, checked_fields
 from clgrid.mesh import Mesh
 from clgrid.on_device import DeviceHits
-from clgrid.rays import as_bounded_rays, invalid_count
+from clgrid.rays import Rays, as_bounded_rays, invalid_count
 from clgrid.rungs import Rung
 from clgrid.target import DeviceMesh
 from clgrid.under_way import UnderWay
@@ -52,6 +52,10 @@ class Queries(ABC):
     def standing(self) -> list[GridPart]:
         """The parts of a grid that is not empty."""
 
+    def parts_for(self, rays: Rays, fields: Sequence[str] = ()) -> list[GridPart]:
+        """The parts through which to cast these rays, for these fields."""
+        return self.standing
+
     @property
     def empty(self) -> bool:
         """Whether the mesh has no triangles; every ray then misses."""
@@ -79,8 +83,9 @@ class Queries(ABC):
         fields : sequence of str, optional
             What to compute beside t_hit and primitive_ids, and nothing else: "primitive_uvs" (all there is by
             default), "t_err"; on the rung ``exact``, "certain"; "steps", "tests", "batches": cells that each
-            ray looked at, triangles it was tested against, and the batches of eight that they were tested in.
-            Any of these three gives all.
+            ray looked at, triangles of their lists, and the batches of eight that these were tested in, list
+            by list. Any of these three gives all. Rays that are not counted test several lists at once, and
+            a triangle that they meet again not again.
 
         Returns
         -------
@@ -95,7 +100,7 @@ class Queries(ABC):
         rays = as_bounded_rays(origins, directions, t_min, t_max)
         if self.empty:
             return casting.no_hits(self.mesh, rays, wanted, self.rung.real)
-        return casting.cast_closest(self.target, self.standing, rays, wanted)
+        return casting.cast_closest(self.target, self.parts_for(rays, wanted), rays, wanted)
 
     def cast_on_device(
         self,
@@ -136,8 +141,9 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.misses(self.mesh, queue, rays, wanted, self.rung)
-        hits = on_device.cast_closest(self.target, self.standing, queue, rays, wanted)
-        self.under_way.add(hits.event)
+        parts = self.standing
+        hits = on_device.cast_closest(self.target, parts, queue, rays, wanted)
+        self.under_way.add(hits.event, parts)
         return hits
 
     def occluded_on_device(
@@ -162,7 +168,8 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.zeros(queue, rays, np.uint8)
-        return self._noted(on_device.cast_any(self.target, self.standing, queue, rays))
+        parts = self.standing
+        return self._noted(on_device.cast_any(self.target, parts, queue, rays), parts)
 
     def count_on_device(
         self,
@@ -186,12 +193,13 @@ class Queries(ABC):
         rays = on_device.checked(self.device, queue, origins, directions, t_min, t_max)
         if empty:
             return on_device.zeros(queue, rays, np.uint32)
-        return self._noted(on_device.count_hits(self.target, self.standing, queue, rays))
+        parts = self.standing
+        return self._noted(on_device.count_hits(self.target, parts, queue, rays), parts)
 
-    def _noted(self, answers: Any) -> Any:
+    def _noted(self, answers: Any, parts: list[GridPart]) -> Any:
         """The array, with the kernels that it waits for noted as readers of the grid."""
         for event in answers.events:
-            self.under_way.add(event)
+            self.under_way.add(event, parts)
         return answers
 
     def occluded(
@@ -209,7 +217,7 @@ class Queries(ABC):
         rays = as_bounded_rays(origins, directions, t_min, t_max)
         if self.empty:
             return np.zeros(rays.origins.shape[:-1], bool)
-        return casting.cast_any(self.target, self.standing, rays)
+        return casting.cast_any(self.target, self.parts_for(rays), rays)
 
     def count(
         self,
@@ -229,7 +237,7 @@ class Queries(ABC):
         rays = as_bounded_rays(origins, directions, t_min, t_max)
         if self.empty:
             return np.zeros(rays.origins.shape[:-1], np.uint32)
-        return casting.count_hits(self.target, self.standing, rays)
+        return casting.count_hits(self.target, self.parts_for(rays), rays)
 
     def cast_all(
         self,
@@ -261,7 +269,7 @@ class Queries(ABC):
             ids = none.pop("primitive_ids").astype(np.int64)
             t, invalid = none.pop("t_hit"), invalid_count(rays)
             return AllHits(splits, t, ids, invalid, self.mesh, rays.origins, rays.directions, none)
-        return cast_all(self.target, self.standing, rays, wanted)
+        return cast_all(self.target, self.parts_for(rays), rays, wanted)
 
     @cached_property
     def open_edges(self) -> int:
@@ -295,5 +303,5 @@ class Queries(ABC):
         rays = as_bounded_rays(points, np.array(PARITY_DIRECTION), 0.0, np.inf)
         if self.empty:
             return np.zeros(rays.origins.shape[:-1], bool)
-        counts = casting.count_hits(self.target, self.standing, rays, open_start=True)
+        counts = casting.count_hits(self.target, self.parts_for(rays), rays, open_start=True)
         return np.not_equal(counts % 2, 0)

@@ -31,7 +31,13 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a grid is built: the arguments of ``build`` that outlive it, as checked."""
+    """How a grid is built: the arguments of ``build`` that outlive it, as checked.
+
+    Attributes
+    ----------
+    adapts : bool
+        Whether rays that have little in common may have a finer grid built in its place (``adapted``).
+    """
 
     layout: str
     density: float
@@ -39,6 +45,7 @@ class Recipe:
     accuracy: str
     max_memory: int | None
     skipping: bool
+    adapts: bool = False
 
     def params(self, part: MeshPart) -> npt.NDArray[np.void]:
         """The planes of the grid over a part of the mesh."""
@@ -79,6 +86,7 @@ class Options:
     skipping: bool | str
     rays: int
     view: Camera | None = None
+    adapt: bool = False
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -154,7 +162,21 @@ class Options:
         return Recipe(layout, density, self.resolution, self.accuracy, self.max_memory, skipping)
 
     def _recipe(self, one: cost.Candidate) -> Recipe:
-        return Recipe(one.layout, one.density, self.resolution, self.accuracy, self.max_memory, one.skipping)
+        return Recipe(
+            one.layout,
+            one.density,
+            self.resolution,
+            self.accuracy,
+            self.max_memory,
+            one.skipping,
+            self.adapt and self._all_open,
+        )
+
+    @property
+    def _all_open(self) -> bool:
+        """Whether nothing is fixed, and answers cannot tell which grid stands."""
+        fixed = self.resolution is not None or not isinstance(self.density, str)
+        return self.layout == self.skipping == AUTO and not fixed and self.accuracy != "fast"
 
     def _question(self, device: Device) -> cost.Question:
         return cost.Question(

@@ -28,6 +28,30 @@ class DeviceRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     platform: str
 
 
+class HostRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The machine, and what runs on it beside the drivers.
+
+    Attributes
+    ----------
+    processor : str
+        Its model.
+    cores : int
+        Hardware threads that this process may use.
+    system : str
+        The operating system.
+    memory : int or None
+        Bytes; None where the system does not say.
+    versions : dict of str to str
+        Of Python, numpy, pyopencl and OpenImageIO.
+    """
+
+    processor: str
+    cores: int
+    system: str
+    memory: int | None
+    versions: dict[str, str]
+
+
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What every record begins with.
 
@@ -43,6 +67,10 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         Every kernel file built in the process, with its ``-D`` options.
     seeds : dict
         Of every random choice; empty where nothing is random.
+    command : tuple of str
+        The words of the command line that repeats it; empty for a record made in Python.
+    host : HostRecord or None
+        The machine; None for a record made in Python.
     """
 
     schema: str
@@ -50,6 +78,8 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     device: DeviceRecord
     compiled: tuple[str, ...]
     seeds: dict[str, int] = {}
+    command: tuple[str, ...] = ()
+    host: HostRecord | None = None
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -427,8 +457,14 @@ def describe_device(device: Device) -> DeviceRecord:
 
 
 def describe_builds(device: Device) -> tuple[str, ...]:
-    """List the kernel files built on the device so far, each with its options."""
-    return tuple(" ".join((built.file, *built.options)) for built in builds(device))
+    """List the kernel files built on the device so far, each with its options.
+
+    Sources that are not clgrid's own are told by their digest: ``CLGRID_KERNELS=1f2e...``.
+    """
+    return tuple(
+        " ".join((built.file, *built.options, *([f"CLGRID_KERNELS={built.kernels}"] * bool(built.kernels))))
+        for built in builds(device)
+    )
 
 
 def version() -> str:

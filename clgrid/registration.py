@@ -53,6 +53,31 @@ def icd_libraries(vendors: Path) -> dict[Path, str]:
     return found
 
 
+def in_virtual_environment() -> bool:
+    """Whether this Python runs in a virtual environment."""
+    return sys.prefix != sys.base_prefix
+
+
+def loader_folder() -> Path | None:
+    """The folder in pyopencl whose .icd files its own loader reads in any case, or None without one."""
+    spec = importlib.util.find_spec("pyopencl")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        libraries = Path(folder) / ".libs"
+        if any(libraries.glob("libOpenCL*")):
+            return libraries
+    return None
+
+
+def registered_for_all() -> Path | None:
+    """The .icd file by which other programs of this Python find Intel's CPU runtime, or None."""
+    folder = loader_folder()
+    for vendors in (SYSTEM_VENDORS, *([folder] if folder else [])):
+        for file, library in icd_libraries(vendors).items():
+            if is_intel_cpu(library):
+                return file
+    return None
+
+
 def registered_libraries() -> dict[Path, str]:
     """Every .icd file (or library) that the loader will read, and the library it leads to."""
     register()
@@ -64,11 +89,10 @@ def registered_libraries() -> dict[Path, str]:
     if not place.is_dir() and place != SYSTEM_VENDORS:
         return {place: value}
     found = icd_libraries(place)
-    spec = importlib.util.find_spec("pyopencl")
-    for folder in (spec.submodule_search_locations or []) if spec else []:
-        for file, library in icd_libraries(Path(folder) / ".libs").items():
-            beside = file.parent / library
-            found[file] = str(beside) if beside.exists() else library
+    folder = loader_folder()
+    for file, library in icd_libraries(folder).items() if folder else ():
+        beside = file.parent / library
+        found[file] = str(beside) if beside.exists() else library
     return found
 
 
@@ -141,14 +165,17 @@ def register() -> Path | None:
     Returns
     -------
     Path or None
-        The folder put into ``OCL_ICD_VENDORS``; None if there was nothing to do, the user's own
+        The folder put into ``OCL_ICD_VENDORS``; None if the loader finds it without, the user's own
         ``OCL_ICD_VENDORS`` or ``OPENCL_VENDOR_PATH`` stands, no folder could be written, or the runtime
         lies below a folder with a blank in its name and cannot be linked to elsewhere.
     """
     library = intel_library()
     if library is None or user_setting() is not None:
         return None
-    if any(is_intel_cpu(line) for line in icd_libraries(SYSTEM_VENDORS).values()):
+    if registered_for_all() is not None:
+        # A parent process may have registered it before: it would be there twice.
+        for variable in LOADER_VARIABLES:
+            os.environ.pop(variable, None)
         return None
     loadable = _without_blanks(library)
     if loadable is None:

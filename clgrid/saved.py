@@ -28,8 +28,9 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 def save(grid: Grid, allocator: Allocator, path: Path) -> None:
     """``Grid.save``."""
-    mesh, recipe = grid.mesh, grid.recipe
-    parts = [] if grid.empty else [_part(number, part) for number, part in enumerate(grid.standing)]
+    mesh = grid.mesh
+    recipe, standing = (grid.recipe, []) if grid.empty else grid.as_it_stands()
+    parts = [_part(number, part) for number, part in enumerate(standing)]
     facts = Facts(
         clgrid=clgrid.__version__,
         structs=_structs(),
@@ -48,7 +49,7 @@ def save(grid: Grid, allocator: Allocator, path: Path) -> None:
         parts=tuple(parts),
     )
     sources = _mesh_sources(mesh)
-    for number, part in enumerate(grid.parts):
+    for number, part in enumerate(standing):
         sources += _grid_sources(number, part.lists, allocator)
     gridfile.write(path, facts, sources)
 

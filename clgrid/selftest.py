@@ -40,6 +40,8 @@ _ASKEW = ((0.75, 0.25, -0.125), (-0.3125, 0.6875, 0.25), (0.125, -0.1875, 0.8125
 # Points within it, in thirty-seconds.
 _ORIGINS = ((0, 0, 0), (5, -3, 7), (-9, 4, 1))
 
+_NEVER_ENDED = "it never ended: the driver crashed, hung or was stopped"
+
 _lock = threading.RLock()
 _passed: set[tuple[Device, str]] = set()
 
@@ -101,7 +103,7 @@ def fault(caster: Caster, of: Mesh, rung: str) -> str:
     return ""
 
 
-def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster]) -> None:
+def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster], *, again: bool = False) -> None:
     """Find out, before a device's first grid on a strict rung, that it keeps the rung's promises.
 
     A success is remembered on disk.
@@ -113,25 +115,43 @@ def require(device: Device, rung: Rung, make: Callable[[Mesh], Caster]) -> None:
         One that promises nothing is not tested.
     make : callable
         Builds a grid of this rung over a mesh on the device.
+    again : bool
+        Also where it is known already.
 
     Raises
     ------
     DeviceError
         If it does not, saying what is wrong and what to do.
     """
-    if not rung.lossless or (device, rung.name) in _passed:
+    if not rung.lossless or ((device, rung.name) in _passed and not again):
         return
     with _lock:
         name = record_name(device.description, rung.name)
         record = cache.load(name)
-        if record is None or record.get("fault") != "":
+        if again or record is None or record.get("fault") != "":
             _examine(device, rung.name, make, name)
         _passed.add((device, rung.name))
 
 
+def waive(device: Device, rung: str) -> bool:
+    """Let a device that failed the test of a rung be used nevertheless, to find out where it goes wrong.
+
+    Returns
+    -------
+    failed : bool
+        Whether that test ended, with a fault; one that did not end, or never ran, is not waived.
+    """
+    found = remembered(device.description, rung)
+    if not found or found == _NEVER_ENDED:
+        return False
+    with _lock:
+        _passed.add((device, rung))
+    return True
+
+
 def _examine(device: Device, rung: str, make: Callable[[Mesh], Caster], name: str) -> None:
     # What clgrid doctor finds, should the driver take the process along.
-    cache.store(name, {"fault": "it never ended: the driver crashed, hung or was stopped"})
+    cache.store(name, {"fault": _NEVER_ENDED})
     try:
         of = mesh()
         found = fault(make(of), of, rung)
@@ -155,6 +175,7 @@ def record_name(seen: Description, rung: str) -> str:
     )
     return "selftest-" + cache.key(
         *(rung, EXPECTED[rung], seen.platform_version, seen.name, seen.driver_version),
+        *((seen.note,) if seen.note else ()),
         *(source_digest(file) for file in files),
     )
 

@@ -11,22 +11,23 @@ from clgrid.device import Device
 class UnderWay:
     """The events of such kernels, which whoever frees or rewrites the memory waits for.
 
-    OpenCL keeps buffers until kernels are done, but not the numpy arrays that ours lie over.
+    OpenCL keeps buffers until kernels are done, but not the numpy arrays that ours lie over. What they read
+    is kept here, since a grid may be replaced meanwhile.
     """
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._events: list[Any] = []
+        self._events: list[tuple[Any, object]] = []
         self._lock = threading.Lock()
 
-    def add(self, event: Any) -> None:
-        """Note a kernel; those that are done are forgotten."""
+    def add(self, event: Any, reads: object) -> None:
+        """Note a kernel, and what it reads; those that are done are forgotten."""
         import pyopencl as cl
 
         done = cl.command_execution_status.COMPLETE
         with self._lock:
-            self._events = [each for each in self._events if each.command_execution_status > done]
-            self._events.append(event)
+            self._events = [each for each in self._events if each[0].command_execution_status > done]
+            self._events.append((event, reads))
 
     def wait(self) -> None:
         """Until all are done. A forked process waits for none: they are not its own."""
@@ -36,7 +37,7 @@ class UnderWay:
 
         with self._lock:
             events, self._events = self._events, []
-        for event in events:
+        for event, _ in events:
             try:
                 event.wait()
             except cl.Error:

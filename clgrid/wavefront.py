@@ -205,10 +205,15 @@ def _on_sphere(random: np.random.Generator, count: int) -> Vectors:
 def camera_rays(view: Camera, width: int, height: int) -> Batch:
     """Rays of the camera through all pixels, in tiles of 8 x 8 as a picture is rendered."""
     origins, directions = view.rays(width, height)
-    y, x = np.divmod(np.arange(width * height), width)
-    order = np.lexsort((x, y, x // _TILE, y // _TILE))
+    order = pixel_order(width, height)
     # Real copies, so that none is made while the clock runs.
     return Batch("primary", origins.reshape(-1, 3)[order], directions.reshape(-1, 3)[order])
+
+
+def pixel_order(width: int, height: int) -> npt.NDArray[np.int64]:
+    """(width * height,): the pixels, numbered row by row, in the order of ``camera_rays``."""
+    y, x = np.divmod(np.arange(width * height), width)
+    return np.lexsort((x, y, x // _TILE, y // _TILE))
 
 
 def leave(rays: Batch, hits: Hits, lift: float) -> tuple[Vectors, Vectors]:

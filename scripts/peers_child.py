@@ -114,17 +114,23 @@ class Clgrid(Peer):
         t = self.hits(self.camera_rays)[1]
         self.shadows = shot.shadow_rays(t)
         occluded = self.occluded() if len(self.shadows[0]) else np.zeros(0, bool)
+        hits = self.image.hits
+        # The grid of the picture, and what random rays have it become.
+        self.build()
+        chosen = self._stands()
         random = self.hits(self.random_rays)[0]
-        stats = self.grid.stats
         return {
-            "hits": self.image.hits,
+            "hits": hits,
             "shadow_rays": len(self.shadows[0]),
             "occluded": int(np.count_nonzero(occluded)),
             "random_hits": int(np.count_nonzero(random != NONE)),
-            "bytes": self.grid.nbytes,
-            "layout": self.grid.layout,
-            "density": stats.density,
+            **chosen,
+            **{f"adapted_{name}": value for name, value in self._stands().items()},
         }
+
+    def _stands(self) -> dict[str, Any]:
+        grid = self.grid
+        return {"bytes": grid.nbytes, "layout": grid.layout, "density": grid.stats.density}
 
     def build(self) -> None:
         import clgrid
@@ -143,6 +149,7 @@ class Clgrid(Peer):
             skipping="auto" if options.skipping == "auto" else options.skipping == "on",
             rays=self.shot.size**2,
             view=self.shot.view.camera(),
+            adapt=options.adapt == "on",
         )
 
     def drop(self) -> None:
@@ -345,6 +352,7 @@ def main() -> None:
     parser.add_argument("--layout", default="auto")
     parser.add_argument("--density", default="auto")
     parser.add_argument("--skipping", default="auto")
+    parser.add_argument("--adapt", default="on")
     parser.add_argument("--sample", type=int, default=128)
     options = parser.parse_args()
     # Libraries write to stdout as they like: answers have it for themselves.

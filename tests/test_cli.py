@@ -73,7 +73,7 @@ def test_help_is_light():
 def test_help_and_version(run):
     everything = run()
     assert everything.code == 0
-    for verb in ("render", "bench", "info", "devices", "doctor"):
+    for verb in ("render", "bench", "info", "report", "devices", "doctor"):
         assert verb in everything.out
         assert run(verb, "--help").code == 0
     assert run("--version").out == f"clgrid {clgrid.__version__}\n"
@@ -288,11 +288,15 @@ def test_bench_prints_a_table(run, device):
 
 
 def test_bench_goes_on_after_a_bad_scene_and_exits_1(run, device):
-    done = run(
-        "bench", "nosuch.ply", "cube", "--reps", "1", "--size", "8x8", "--json", "--device", device.label
-    )
+    words = "bench nosuch.ply cube --reps 1 --size 8x8 --json --html b.html --csv b.csv --device"
+    done = run(*words.split(), device.label)
     assert done.code == 1
     found = decode(done.out, BenchRecord)
+    assert found.command == ("clgrid", *sys.argv[1:])
+    assert found.host is not None
+    assert found.host.cores > 0
+    assert "nosuch.ply" in Path("b.html").read_text()
+    assert Path("b.csv").read_text().count("\n") == 2
     assert [row.scene for row in found.rows] == ["cube"]
     assert found.failures[0].scene == "nosuch.ply"
     assert re.fullmatch(r"clgrid: error: .*nosuch\.ply.*\n", done.err)

@@ -44,7 +44,9 @@ def reached(path: Path) -> Iterator[Path]:
 
 @by_name
 def test_no_inexact_built_ins(path: Path) -> None:
-    assert _INEXACT.findall(code(path)) == []
+    # What these do is what that kernel finds out.
+    tried = ["mad", "fma"] if path.name == "probe_arithmetic.cl" else []
+    assert _INEXACT.findall(code(path)) == tried
 
 
 @by_name

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from clgrid import doctor, registration
+from clgrid import registration
+from clgrid.doctor import drivers
 
 
 @pytest.fixture
@@ -91,10 +92,10 @@ def test_a_runtime_that_cannot_be_linked_is_left_alone(
     monkeypatch.setenv("XDG_CACHE_HOME", str(spaced / "cache"))
     assert registration.register() is None
     assert "OCL_ICD_VENDORS" not in os.environ
-    [finding] = doctor._intel([])
+    [finding] = drivers.intel([])
     assert "libimf" in finding.message
     (spaced / "lib" / "libimf.so").touch()
-    [finding] = doctor._intel([])
+    [finding] = drivers.intel([])
     assert finding.status == "warn"
     assert "blank in its name" in finding.message
 

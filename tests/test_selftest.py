@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import oracle
+import planted
 import precise_twin
 import pytest
 
 import clgrid
-from clgrid import cache, doctor, procedural, program, rational, selftest
+from clgrid import cache, procedural, program, rational, selftest
 from clgrid.closed import open_edges
 from clgrid.device import Device
+from clgrid.doctor import Finding, trial
 from clgrid.errors import DeviceError
 from clgrid.hits import Hits
 from clgrid.mesh import Mesh
@@ -184,6 +186,13 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "clgrid"
 
 
+def told(device: Device) -> list[Finding]:
+    """What the doctor says without testing again."""
+    compiled = Finding("compile", "ok", device.label, "")
+    found = list(trial.verdicts(device.description, compiled, run=False, progress=None))
+    return list(trial.findings(device.description, found))
+
+
 @pytest.mark.parametrize("rung", ["robust", pytest.param("exact", marks=pytest.mark.slow)])
 def test_what_is_wrong_is_said(rung: str, device: Device) -> None:
     grid = clgrid.build(OF, accuracy=rung, density=selftest.DENSITY, device=device)
@@ -206,9 +215,9 @@ def test_a_device_with_other_bits_is_refused_in_one_line(
         assert "clgrid devices" in message
         assert "\n" not in message
     assert "bits" in str(selftest.remembered(device.description, "robust"))
-    [finding] = doctor._selftest(device.description)
-    assert (finding.status, finding.check, finding.device) == ("fail", "selftest", device.label)
-    assert "robust" in finding.message
+    [finding] = [finding for finding in told(device) if finding.status == "fail"]
+    assert (finding.check, finding.device) == ("selftest", device.label)
+    assert "refused for robust" in finding.message
     assert finding.advice
     monkeypatch.undo()
     clgrid.build(procedural.cube(), device=device)
@@ -246,9 +255,8 @@ def test_a_crash_in_the_test_is_found_by_the_doctor(device: Device, fresh: Path)
 
     with pytest.raises(KeyboardInterrupt):
         selftest.require(device, RUNGS["precise"], crash)
-    [finding] = doctor._selftest(device.description)
-    assert finding.status == "fail"
-    assert "precise: it never ended" in finding.message
+    [finding] = [finding for finding in told(device) if finding.status == "fail"]
+    assert "refused for precise: it never ended" in finding.message
 
 
 def test_a_test_that_cannot_run_is_no_success(device: Device, fresh: Path) -> None:
@@ -262,14 +270,15 @@ def test_a_test_that_cannot_run_is_no_success(device: Device, fresh: Path) -> No
 
 
 def test_the_doctor_says_what_passed_and_what_never_ran(device: Device, fresh: Path) -> None:
-    [finding] = doctor._selftest(device.description)
-    assert finding.status == "ok"
-    assert "not run yet: robust, precise, exact" in finding.message
+    fast, later = told(device)
+    assert (fast.status, later.status) == ("ok", "ok")
+    assert "may run fast: it promises nothing" in fast.message
+    assert "may run robust, precise, exact: its self-test has not run yet" in later.message
     clgrid.build(procedural.cube(), device=device)
-    [finding] = doctor._selftest(device.description)
-    assert finding.status == "ok"
-    assert "passed: robust" in finding.message
-    assert "not run yet: precise, exact" in finding.message
+    _, passed, later = told(device)
+    assert (passed.status, later.status) == ("ok", "ok")
+    assert "may run robust: its self-test gives the bits" in passed.message
+    assert "may run precise, exact: its self-test has not run yet" in later.message
 
 
 @pytest.fixture
@@ -277,17 +286,8 @@ def loose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Kernels whose edge functions are contracted, as a compiler does that ignores FP_CONTRACT OFF."""
     folder = tmp_path / "cl"
     shutil.copytree(program.source_folder(), folder)
-    test = folder / "triangle_robust.h"
-    text = test.read_text(encoding="utf-8")
-    contracted = text.replace("const float u = p->cx * p->by - p->cy * p->bx;", (
-        "const float u = fma(p->cx, p->by, -(p->cy * p->bx));"
-    )).replace("const float v = p->ax * p->cy - p->ay * p->cx;", (
-        "const float v = fma(p->ax, p->cy, -(p->ay * p->cx));"
-    )).replace("const float w = p->bx * p->ay - p->by * p->ax;", (
-        "const float w = fma(p->bx, p->ay, -(p->by * p->ax));"
-    ))  # fmt: skip
-    assert contracted.count("fma(") == 3
-    test.write_text(contracted, encoding="utf-8")
+    for name, text in planted.fused_edges().items():
+        (folder / name).write_text(text, encoding="utf-8")
     monkeypatch.setattr(program, "source_folder", lambda: folder)
     program._digest.cache_clear()
     yield folder

@@ -1,28 +1,29 @@
 """A batch on a Dask cluster: items are tasks, a worker keeps one child process with one OpenCL context.
 
 Items and records go over the network. Pictures go to the file system that all machines share, by the
-same rename as anywhere. A worker that dies costs the item there one more try, on another.
+same rename as anywhere. A worker that dies costs what is under way there one more try, on another.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-import threading
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 import msgspec
 
 import clgrid
+from clgrid.batch.hand import UNDER_WAY, Hand
 from clgrid.batch.item import FAILED, Item, ItemRecord, about
-from clgrid.batch.keeper import Keeper
 from clgrid.batch.plan import Plan
 from clgrid.batch.run import Choices, Outcome, Show, run
-from clgrid.errors import DeviceError, InputError
+from clgrid.errors import InputError
 
-# Of each worker there is one: so a device has one item at a time.
+# Of each worker there is one, whose child draws one item at a time: so a device is never shared. A task takes
+# a part of it, so that one is drawn while another is read or written.
 RESOURCE = "clgrid"
+_TAKEN = 1 / UNDER_WAY
 _PLUGIN = "clgrid-batch"
 _LOCAL = "local:"
 
@@ -51,7 +52,7 @@ def run_on_cluster(plan: Plan, choices: Choices, show: Show, address: str) -> Ou
     count = _local_count(address)
     if count:
         made = distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, resources={RESOURCE: 1}, dashboard_address=None
+            n_workers=count, threads_per_worker=UNDER_WAY, resources={RESOURCE: 1}, dashboard_address=None
         )
     else:
         made = address
@@ -84,23 +85,25 @@ class Cluster:
         self._client = client
         self._stopping = False
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
-        self._hands = sum(RESOURCE in worker["resources"] for worker in workers)
-        if not self._hands:
+        self._most = sum(
+            min(worker["nthreads"], UNDER_WAY) for worker in workers if RESOURCE in worker["resources"]
+        )
+        if not self._most:
             raise InputError(
                 f"--dask: no worker has the resource {RESOURCE}, which keeps a device to one item at a time; "
-                f"start them with: dask worker ADDRESS --nthreads 1 --resources {RESOURCE}=1"
+                f"start them with: dask worker ADDRESS --nthreads {UNDER_WAY} --resources {RESOURCE}=1"
             )
         client.register_plugin(_plugin(device, local), name=_PLUGIN)
 
     def draw(self, items: Iterable[Item]) -> Iterator[ItemRecord]:
-        """Draw items, one a worker at a time; the next one is handed out when a record comes back."""
+        """Draw items, two a worker; the next one is handed out when a record comes back."""
         from distributed import as_completed
 
         source = iter(items)
         by_key: dict[str, Item] = {}
         tasks = as_completed([], loop=self._client.loop)
         while True:
-            while not self._stopping and len(by_key) < self._hands:
+            while not self._stopping and len(by_key) < self._most:
                 item = next(source, None)
                 if item is None:
                     break
@@ -114,7 +117,7 @@ class Cluster:
 
     def _submit(self, item: Item) -> Any:
         return self._client.submit(
-            _draw, msgspec.json.encode(item), resources={RESOURCE: 1}, pure=False, retries=0
+            _draw, msgspec.json.encode(item), resources={RESOURCE: _TAKEN}, pure=False, retries=0
         )
 
     def stop(self) -> None:
@@ -143,19 +146,18 @@ def _plugin(device: str | None, local: int) -> Any:
     """What a worker keeps: defined here, for its base is there only with ``distributed``."""
     from distributed import WorkerPlugin
 
-    class Hand(WorkerPlugin):  # type: ignore[misc]
+    class Hands(WorkerPlugin):  # type: ignore[misc]
         """Keeps the child process of a worker."""
 
         def setup(self, worker: Any) -> None:
             """Nothing starts before the first item."""
-            self.lock = threading.Lock()
-            self.keeper = Keeper(device, cores=cores_of(worker.name, local))
+            self.hand = Hand(device, cores_of(worker.name, local))
 
         def teardown(self, worker: Any) -> None:
             """End the child."""
-            self.keeper.kill()
+            self.hand.close()
 
-    return Hand()
+    return Hands()
 
 
 def cores_of(name: Any, local: int) -> list[int] | None:
@@ -170,10 +172,4 @@ def _draw(encoded: bytes) -> bytes:
     from distributed import get_worker
 
     item = msgspec.json.decode(encoded, type=Item)
-    hand = get_worker().plugins[_PLUGIN]
-    with hand.lock:
-        try:
-            record = next(iter(list(hand.keeper.draw([item]))))
-        except DeviceError as error:
-            record = msgspec.structs.replace(about(item, clgrid.__version__, FAILED), error=str(error))
-    return msgspec.json.encode(record)
+    return msgspec.json.encode(get_worker().plugins[_PLUGIN].hand.draw(item))

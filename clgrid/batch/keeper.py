@@ -123,18 +123,41 @@ class Keeper:
         source = iter(items)
         exhausted = False
         while True:
-            while not self.stopping and not exhausted and not self._waiting and self._room():
+            while not exhausted and self.has_room:
                 following = next(source, None)
                 exhausted = following is None
                 if following is not None:
-                    self._waiting.append(_tried(following))
-                    self._send()
-            self._send()
-            idle = not self._flight and (self.stopping or (exhausted and not self._waiting))
-            if idle:
+                    self.begin(following)
+            yield from self.go_on()
+            if self.idle and (exhausted or self.stopping):
                 return
-            if self._flight:
-                yield from self._next_event()
+
+    @property
+    def has_room(self) -> bool:
+        """Whether an item may be begun."""
+        return not self.stopping and not self._waiting and self._room()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is under way, nor will be."""
+        return not self._flight and (self.stopping or not self._waiting)
+
+    def begin(self, item: Item) -> None:
+        """Take an item on, where there is room."""
+        self._waiting.append(_tried(item))
+        self._send()
+
+    def go_on(self, seconds: float = _POLL_SECONDS) -> Iterator[ItemRecord]:
+        """Wait for the next event, no longer than this; what has ended by it.
+
+        Raises
+        ------
+        DeviceError
+            If the device cannot be used at all.
+        """
+        self._send()
+        if self._flight:
+            yield from self._next_event(seconds)
 
     def stop(self) -> None:
         """Finish what is begun: the picture that is drawn or written, or the band of a large one."""
@@ -188,11 +211,11 @@ class Keeper:
         reason = f"{how}{f': {said}' if said else ''}"
         raise DeviceError(f"the process that draws {reason}, before it began; clgrid doctor says more")
 
-    def _next_event(self) -> Iterator[ItemRecord]:
+    def _next_event(self, seconds: float) -> Iterator[ItemRecord]:
         child = self._child
         if child is None:
             return
-        event = child.event(_POLL_SECONDS)
+        event = child.event(seconds)
         now = time.monotonic()
         if event is not None:
             self._watch(event)

@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import clgrid
-from clgrid.cli import batch, bench, devices, info, render, tradeoff, verify
+from clgrid.cli import batch, bench, compare, devices, diff, info, render, report, repro, tradeoff, verify
 from clgrid.cli.output import OutputClosedError
 from clgrid.errors import ClgridError
 
@@ -32,7 +32,11 @@ app.command()(batch.batch)
 app.command()(bench.bench)
 app.command()(info.info)
 app.command()(verify.verify)
+app.command()(compare.compare)
+app.command()(diff.diff)
+app.command()(repro.repro)
 app.command()(tradeoff.tradeoff)
+app.command()(report.report)
 app.command()(devices.devices)
 app.command()(devices.doctor)
 

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clgrid.cli import cameras, options, output
+from clgrid.cli import cameras, options, output, report_files
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from clgrid.bench import Work
-    from clgrid.camera import Camera
     from clgrid.device import Device
     from clgrid.record import BenchRecord, Failure, FramesRecord, WorkloadRecord
-    from clgrid.scene import Scene
 
 RAYS, MOTION = "Rays of renderers", "Moving meshes"
 
@@ -90,6 +88,9 @@ def bench(
     device: options.DeviceName = None,
     max_memory: options.MaxMemory = "",
     skipping: options.Skipping = False,
+    html: report_files.Html = None,
+    csv: report_files.Csv = None,
+    plot: report_files.Plot = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -104,6 +105,8 @@ def bench(
     given = {"--bounces": bounces, "--seed": seed, "--check": check, "--rays": rays}
     numbers = {name[2:]: value for name, value in given.items() if value is not None}
     _check_modes(scenes, workload, frames, numbers)
+    written = report_files.Files(html, csv, plot)
+    written.check()
 
     from clgrid.bench import Work
 
@@ -117,9 +120,9 @@ def bench(
         accuracy=accuracy,
         max_memory=memory,
         skipping=skipping,
-        view=_view(camera, eye, look_at, up, fov),
+        view=cameras.view_of(camera, eye, look_at, up, fov),
     )
-    show = _Show(json=json, quiet=quiet)
+    show = _Show(json=json, quiet=quiet, files=written)
     if workload is not None:
         return _bench_workload(scenes, workload, numbers, work, device, show)
     if frames is not None:
@@ -142,25 +145,19 @@ def _check_modes(
             raise InputError(f"bench: --{option} belongs to --workload {owner}; leave it out")
 
 
-def _view(
-    camera: str, eye: str, look_at: str, up: str, fov: float | None
-) -> Callable[[Scene, float], Camera] | None:
-    """The camera of each scene; None where no option speaks of it."""
-    if not camera and not eye and not look_at and up == "auto" and fov is None:
-        return None
-    return lambda scene, aspect: cameras.choose_camera(scene, aspect, camera, eye, look_at, up, fov)
-
-
 class _Show:
     """Where results go: a table, one JSON document, or nothing."""
 
-    def __init__(self, *, json: bool, quiet: bool) -> None:
+    def __init__(self, *, json: bool, quiet: bool, files: report_files.Files) -> None:
         self.json = json
         self.quiet = quiet
+        self.files = files
 
     def result(self, result: BenchRecord | WorkloadRecord | FramesRecord, table: Callable[[], Table]) -> None:
         from clgrid import record
 
+        result = output.signed(result)
+        self.files.write(result)
         if self.json:
             output.emit(record.encode(result))
         elif not self.quiet and result.rows:

@@ -10,6 +10,8 @@ from clgrid.cli import options
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from clgrid.camera import Camera
     from clgrid.scene import Scene
 
@@ -81,3 +83,12 @@ def choose_camera(
     else:
         target = (0.0, 0.0, 0.0)
     return Camera.look_at(start, target, upward, framed.fov)
+
+
+def view_of(
+    camera: str, eye: str, look_at: str, up: str, fov: float | None
+) -> Callable[[Scene, float], Camera] | None:
+    """What makes the camera of each scene; None where no option speaks of it."""
+    if not camera and not eye and not look_at and up == "auto" and fov is None:
+        return None
+    return lambda scene, aspect: choose_camera(scene, aspect, camera, eye, look_at, up, fov)

@@ -37,24 +37,47 @@ def doctor(
         str | None,
         typer.Option(metavar="INDEX|NAME", help="Try this device only.", show_default=False),
     ] = None,
+    selftest: Annotated[
+        bool,
+        typer.Option(
+            "--selftest/--no-selftest",
+            help="Run the self-test of each strict rung, or tell what earlier ones found.",
+        ),
+    ] = True,
+    fix: Annotated[
+        bool,
+        typer.Option(
+            "--fix",
+            help="First register Intel's runtime for every program of this virtual environment.",
+        ),
+    ] = False,
 ) -> None:
     """Find out what is wrong with OpenCL here, and how to cure it. Exit code 3: no usable device."""
     from clgrid.doctor import examine
 
-    report = examine(device)
+    done = _fix() if fix else ()
+    with output.progress(quiet=False) as show:
+        report = examine(device, selftest=selftest, progress=show)
     if json:
         _emit_json(
             {
                 "schema": "clgrid.doctor/1",
                 "usable": report.usable,
                 "default": report.default,
-                "findings": report.findings,
+                "findings": (*done, *report.findings),
+                "rungs": report.rungs,
             }
         )
     else:
-        _emit_findings(report.findings)
+        _emit_findings((*done, *report.findings))
     if not report.usable:
         raise typer.Exit(_NO_DEVICE)
+
+
+def _fix() -> tuple[Finding, ...]:
+    from clgrid.doctor import repair
+
+    return (repair.fix(),)
 
 
 def _emit_json(record: dict[str, Any]) -> None:

@@ -7,13 +7,16 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.table import Table
 
+    from clgrid.record import Header
+
+Signed = TypeVar("Signed", bound="Header")
 _WIDTH_OF_FILES = 160
 
 
@@ -34,6 +37,15 @@ def emit(text: str) -> None:
         sys.stdout.flush()
     except BrokenPipeError as error:
         raise OutputClosedError from error
+
+
+def signed(made: Signed) -> Signed:
+    """Return a record with the command line and the machine that made it."""
+    import msgspec
+
+    from clgrid.host import host_record
+
+    return msgspec.structs.replace(made, command=("clgrid", *sys.argv[1:]), host=host_record())
 
 
 def warn(messages: Iterable[str], *, quiet: bool) -> None:

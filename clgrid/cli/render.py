@@ -304,19 +304,16 @@ def _report(
 
     device = seen.device
     if json:
-        output.emit(
-            record.encode(
-                record.RenderRecord(
-                    schema=record.schema("render"),
-                    clgrid=record.version(),
-                    device=record.describe_device(device),
-                    compiled=record.describe_builds(device),
-                    row=row,
-                    outputs=tuple(map(str, paths)),
-                    save_s=save_s,
-                )
-            )
+        made = record.RenderRecord(
+            schema=record.schema("render"),
+            clgrid=record.version(),
+            device=record.describe_device(device),
+            compiled=record.describe_builds(device),
+            row=row,
+            outputs=tuple(map(str, paths)),
+            save_s=save_s,
         )
+        output.emit(record.encode(output.signed(made)))
     elif not quiet:
         output.emit_pairs(_lines(row, grid, save_s))
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clgrid.cli import cameras, options, output, picture_options
+from clgrid.cli import cameras, options, output, picture_options, report_files
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -139,6 +139,9 @@ def tradeoff(
     sky: picture_options.Sky = "",
     occlusion_rays: picture_options.OcclusionRays = None,
     device: options.DeviceName = None,
+    html: report_files.Html = None,
+    csv: report_files.Csv = None,
+    plot: report_files.Plot = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -157,6 +160,8 @@ def tradeoff(
     }
     light = _shading(samples, seed, sun, sun_strength, sky, occlusion_rays)
     measure, error = _max_error(max_error)
+    files = report_files.Files(html, csv, plot)
+    files.check()
 
     from clgrid import record
     from clgrid.bench import load_timed
@@ -191,7 +196,8 @@ def tradeoff(
         say(f"load {scene}", None)
         loaded, load_s = load_timed(scene)
         output.warn(loaded.mesh.warnings, quiet=quiet)
-        result = sweep(loaded, plan, chosen, say, source=scene, load_s=load_s)
+        result = output.signed(sweep(loaded, plan, chosen, say, source=scene, load_s=load_s))
+    files.write(result)
     if json:
         output.emit(record.encode(result))
     elif not quiet:

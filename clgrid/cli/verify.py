@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clgrid.cli import options, output
+from clgrid.cli import options, output, report_files
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -77,6 +77,9 @@ def verify(
     device: options.DeviceName = None,
     max_memory: options.MaxMemory = "",
     skipping: options.Skipping = False,
+    html: report_files.Html = None,
+    csv: report_files.Csv = None,
+    plot: report_files.Plot = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -88,6 +91,8 @@ def verify(
     memory = options.parse_bytes(max_memory)
     cells_per_triangle, cells = options.parse_density(density), options.parse_resolution(resolution)
     aimed_at = options.parse_resolution(aim, "--aim")
+    files = report_files.Files(html, csv, plot)
+    files.check()
 
     from clgrid import record
     from clgrid.device import choose
@@ -115,7 +120,8 @@ def verify(
         say(f"load {scene}", None)
         loaded = load_scene(scene)
         output.warn(loaded.mesh.warnings, quiet=quiet)
-        result = examine(loaded, plan, chosen, say)
+        result = output.signed(examine(loaded, plan, chosen, say))
+    files.write(result)
     if json:
         output.emit(record.encode(result))
     elif not quiet:

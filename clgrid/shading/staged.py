@@ -100,9 +100,11 @@ class _Drawing:
         self.queue = grid.device.queue
         self.allocator = surfaces.allocator
         self.camera = self.allocator.upload(order.camera.params(*order.size, order.window))
-        self.look_arguments = [surfaces.arguments(part) for part in grid.standing]
-        self.normals = [self._normals_of(part.mesh.used) for part in grid.standing]
-        self.passing = Passing(grid.target, grid.standing, surfaces, self.look_arguments)
+        # Kept while kernels read them: a grid may be rebuilt meanwhile.
+        self.parts = grid.standing
+        self.look_arguments = [surfaces.arguments(part) for part in self.parts]
+        self.normals = [self._normals_of(part.mesh.used) for part in self.parts]
+        self.passing = Passing(grid.target, self.parts, surfaces, self.look_arguments)
         scale = 2.0**-grid.frame.exponent
         # Far from the origin of the scene, what its doubles cannot hold comes on top.
         self.lift = _LIFT[grid.accuracy] / scale + 2.0**-48 * float(np.abs(grid.mesh.bounds).max())
@@ -157,12 +159,12 @@ class _Drawing:
         rays = DeviceRays(arrays.origins, arrays.directions, np.array([[0.0, np.inf]]))
         wanted = checked_fields(("primitive_uvs", *fields), grid.accuracy)
         with clock.stage("cast", queue):
-            hits = on_device.cast_closest(grid.target, grid.standing, queue, rays, wanted)
+            hits = on_device.cast_closest(grid.target, self.parts, queue, rays, wanted)
         if self.order.shading is not None and self.surfaces.passable:
             with clock.stage("pass", queue):
                 self._see_through(arrays, hits)
         with clock.stage("surfaces", queue):
-            for part, look, normals in zip(grid.standing, self.look_arguments, self.normals, strict=True):
+            for part, look, normals in zip(self.parts, self.look_arguments, self.normals, strict=True):
                 options: Defines = {"REAL": "float" if grid.rung.real is np.float32 else "double"}
                 options |= {"SMOOTH_NORMALS": 1} if normals else {}
                 self._run(
@@ -227,7 +229,7 @@ class _Drawing:
         grid = self.grid
         rays = DeviceRays(origins, directions, np.array([[0.0, t_max]]))
         with self.clock.stage(stage, self.queue):
-            occluded = on_device.cast_any(grid.target, grid.standing, self.queue, rays)
+            occluded = on_device.cast_any(grid.target, self.parts, self.queue, rays)
         if self.surfaces.masked:
             with self.clock.stage("pass", self.queue):
                 found = occluded.get()

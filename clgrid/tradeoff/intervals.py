@@ -91,12 +91,21 @@ def median_interval(values: Sequence[float], confidence: float = CONFIDENCE) -> 
         Order statistics: the narrowest pair, the same number from both ends, that is as sure as asked.
     """
     ranked, n = sorted(values), len(values)
-    outside, below = 0.0, 0
-    # Of n values, fewer than k lie below the median with the chance of fewer than k heads in n throws.
-    for k in range((n + 1) // 2):
-        outside += math.comb(n, k) / 2.0**n
-        if 2 * outside > 1.0 - confidence:
-            break
-        below = k
+    below, _ = left_out(n, confidence)
     middle = ranked[n // 2] if n % 2 else ranked[n // 2 - 1] / 2 + ranked[n // 2] / 2
     return middle, ranked[below], ranked[n - 1 - below]
+
+
+def left_out(count: int, confidence: float = CONFIDENCE) -> tuple[int, float]:
+    """How many repetitions at each end the interval of their median leaves out, and how sure it then is.
+
+    Of n values, fewer than k lie below the median with the chance of fewer than k heads in n throws (order
+    statistics; David and Nagaraja, *Order Statistics*, 7.1).
+    """
+    outside, below, sure = 0.0, 0, 0.0
+    for k in range((count + 1) // 2):
+        outside += math.comb(count, k) / 2.0**count
+        if k and 2 * outside > 1.0 - confidence:
+            break
+        below, sure = k, 1.0 - 2 * outside
+    return below, sure
