@@ -352,7 +352,7 @@ def _lines(result: TradeoffRecord) -> list[str]:
     check = result.reference
     lines = [
         "* on the front; > recommended. Times: median and its interval at"
-        f" {result.confidence:.0%}, ms, once slow turns are taken out.",
+        f" {100 * result.confidence:.0f} %, ms, once slow turns are taken out.",
         f"pixels: of {result.rows[0].picture.pixels:,}, that show another triangle than exact. missed, false,"
         " other: of structured rays, against exact. t: worst along the camera's rays,"
         f" scene units; the longest side is {result.size:.4g}, and coordinates are rounded by at most"
@@ -365,7 +365,7 @@ def _lines(result: TradeoffRecord) -> list[str]:
     if chosen is None:
         return [*lines, f"recommended: none; {result.nearest}"]
     lines.append(f"to count its wrong answers anew: {result.rows[chosen.row].verify}")
-    return [*lines, f"recommended: {chosen.sentence} (support {chosen.support:.0%})"]
+    return [*lines, f"recommended: {chosen.sentence} (support {100 * chosen.support:.0f} %)"]
 
 
 def _left_out(left_out: list[LeftOut]) -> list[str]:

@@ -39,8 +39,8 @@ def sentence(
         parts.append(beside)
     if support < _SURE and rival is not None:
         parts.append(
-            f"a near thing: {support:.0%} of the draws say so, others {named(rows[rival])}; a quieter"
-            " machine, a longer --budget or --clock cpu would tell"
+            f"a near thing: {100 * support:.0f} % of the draws say so, others {named(rows[rival])}; a quieter"
+            " machine or a longer --budget would tell"
         )
     return "; ".join(parts)
 
@@ -58,7 +58,7 @@ def wrong(row: TradeoffRow, measure: str, check: ReferenceCheck) -> str:
         if not check.rays:
             return "the reference itself, which was not compared with rational arithmetic"
         return (
-            f"the reference itself: {check.wrong or 'no'} wrong of {check.rays:,} rays by rational arithmetic"
+            f"the reference itself: {check.wrong:,} wrong of {check.rays:,} rays by rational arithmetic"
             f" ({below(check.wrong_most)})"
         )
     if measure == "pixels":
@@ -79,7 +79,7 @@ def _counted(count: int, what: str, of: int, most: float) -> str:
 
 def below(rate: float) -> str:
     """``below 2.9e-06 at 95 %``."""
-    return f"below {rate:.2g} at {CONFIDENCE:.0%}".replace("%", " %")
+    return f"below {rate:.2g} at {100 * CONFIDENCE:.0f} %"
 
 
 def _beside(rows: Sequence[TradeoffRow], chosen: int, wish: Wish) -> str:
