@@ -119,6 +119,7 @@ def test_the_guide_has_a_page_for_each_task():
         "keeping_grids",
         "large_meshes",
         "moving_mesh",
+        "reports",
         "shading",
         "tradeoff",
     }
