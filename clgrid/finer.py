@@ -34,7 +34,7 @@ MOST_BYTES = 24
 _WORTH = 0.85
 
 # Seconds of a ray that goes alone, on a device on which a reference costs a tile what it typically does: in
-# any case, a cell looked at, a batch of eight triangles. Fitted to random rays through twelve scenes
+# any case, a cell looked at, a batch of eight triangles. Fitted to random rays through six scenes
 # (docs/performance.md, "Rays that pay for a finer grid").
 _RAY_S, _BATCH_S = 1.9e-7, 4.5e-8
 _STEP_S = {
