@@ -161,6 +161,19 @@ def test_faults_that_grow_are_regressions(kind: str, change: Callable[[], Header
     assert field in verdicts(against(change(), made.every()[kind]), BETTER)
 
 
+def test_samples_of_two_sizes_are_not_judged() -> None:
+    base = made.tradeoff()
+    row = base.rows[6]
+    errors = [with_(each, rays=50_000, hits=30_000, missed=7) for each in row.errors]
+    other = with_(base, rows=[*base.rows[:6], with_(row, errors=errors), *base.rows[7:]])
+    result = against(base, other)
+    assert verdicts(result, WORSE) == set()
+    assert {"hits", "missed", "rays"} <= verdicts(result, OTHER)
+    same_size = [with_(each, missed=7) for each in row.errors]
+    worse = with_(base, rows=[*base.rows[:6], with_(row, errors=same_size), *base.rows[7:]])
+    assert verdicts(against(base, worse), WORSE) == {"missed"}
+
+
 def test_devices_may_differ_on_fast() -> None:
     base = made.compare()
     more = made.compare(9).pairs[0]

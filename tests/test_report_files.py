@@ -123,8 +123,7 @@ def test_json_gives_the_record_back(run: Any) -> None:
 
 
 @needs_matplotlib
-@pytest.mark.parametrize("kind", list(EVERY))
-@pytest.mark.parametrize("suffix", files.PLOTS)
+@pytest.mark.parametrize(("kind", "suffix"), [*((kind, ".png") for kind in EVERY), ("compare", ".svg")])
 def test_plots_are_drawn(run: Any, kind: str, suffix: str) -> None:
     save("r.json", EVERY[kind])
     assert run("r.json", "--plot", f"p{suffix}", "-q") == (0, "", "")

@@ -124,21 +124,22 @@ def _matters(name: str, one: Entry, two: Entry, threshold: float) -> bool:
 
 
 def _values(row: str, one: Entry, two: Entry, alike: bool) -> Iterator[Finding]:
-    # The rung fast promises no bits; bytes of grids of two resolutions are of two grids.
+    # The rung fast promises no answers; bytes of grids of two resolutions are of two grids.
     strict = one.names.get("accuracy") != "fast"
     one_grid = all(
         one.values.get(name, one.marks.get(name)) == two.values.get(name, two.marks.get(name))
         for name in ("resolution", "skipping", "parts")
     )
-    # Two devices may differ on fast.
-    promised = one.values.get("promised") is not False
+    # Of other numbers of rays, other numbers hit.
+    asked = all(one.values.get(name) == two.values.get(name) for name in ("rays", "checked", "exact_checked"))
     for name, first in one.values.items():
         how = rule(name)
         if how == SAID or name not in two.values:
             continue
         second = two.values[name]
         verdict = _verdict(how, first, second, strict, alike)
-        if verdict in (WORSE, BETTER) and ((is_size(name) and not one_grid) or not promised):
+        judged = one_grid if is_size(name) else strict and asked
+        if verdict in (WORSE, BETTER) and not judged:
             verdict = OTHER
         yield Finding(row=row, field=name, verdict=verdict, timed=False, first=[first], second=[second])
 

@@ -98,7 +98,7 @@ def _rays(pair: ComparePair) -> tuple[int, int]:
 
 
 def _fastest(record: CompareRecord) -> list[str]:
-    """Of each scene, on the first rung that all have: who is first, and who is last by how much."""
+    """Of each scene, on robust if it was asked for: who is first, and who is last by how much."""
     says: list[str] = []
     for (scene, accuracy), rows in _by_work(record).items():
         if len(rows) < 2 or any(f"{named(scene)}:" in said for said in says):
@@ -113,11 +113,12 @@ def _fastest(record: CompareRecord) -> list[str]:
 
 
 def _by_work(record: CompareRecord) -> dict[tuple[str, str], list[tuple[CompareDevice, CompareRow]]]:
+    """Rows by scene and rung, the rung robust first."""
     found: dict[tuple[str, str], list[tuple[CompareDevice, CompareRow]]] = {}
     for device in record.devices:
         for row in device.rows:
             found.setdefault((row.scene, row.accuracy), []).append((device, row))
-    return found
+    return dict(sorted(found.items(), key=lambda work: work[0][1] != "robust"))
 
 
 def _warnings(record: CompareRecord) -> list[str]:

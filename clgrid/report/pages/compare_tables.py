@@ -27,9 +27,9 @@ def pairs(found: Sequence[ComparePair]) -> Table:
         Column("flips", COUNT, "hits of one device that are misses of the other"),
         Column("worst t", ULPS, "largest difference of t on the same triangle, in last places"),
         Column("pixels", COUNT, "that differ in any bit of colour or coverage"),
-        Column("largest", NUMBER, "difference of linear colour"),
-        Column("PSNR", DECIBELS),
-        Column("FLIP", NUMBER, "mean of the perceptual difference, 0 to 1"),
+        Column("largest", NUMBER, "difference of linear colour", detail=True),
+        Column("PSNR", DECIBELS, detail=True),
+        Column("FLIP", NUMBER, "mean of the perceptual difference, 0 to 1", detail=True),
     ]
     cells = []
     for pair in found:
