@@ -243,6 +243,7 @@ def test_the_command_line(device: Device, run: Run, tmp_path: Path) -> None:
         (("--accuracy", "best"), 1, "accuracy is 'best'"),
         (("--time-limit", "0"), 1, "time limit above 0"),
         (("--repro", "gone"), 1, "no such folder"),
+        (("--devices", ","), 1, "no device is named"),
         (("--devices", "nobody"), 3, "no OpenCL device matches 'nobody'"),
     ],
 )
