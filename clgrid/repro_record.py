@@ -138,6 +138,8 @@ class Difference(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         ``float``, ``double``, ``long``, ``uint``, ``bool`` or ``triangle``.
     operation : str
         What computes it: ``u = cx * by - cy * bx``.
+    steps : tuple of str
+        Statements before it, whose results it takes and which are not traced themselves.
     cell : int or None
         Number of the cell where it is computed.
     cell_at : (int, int, int) or None
@@ -160,6 +162,7 @@ class Difference(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     value: str
     type: str
     operation: str
+    steps: tuple[str, ...]
     cell: int | None
     cell_at: tuple[int, int, int] | None
     triangle: int | None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from clgrid import selftest
 from clgrid.device import Device
 from clgrid.locate import Finding, Side, locate
@@ -85,3 +87,9 @@ def wrong() -> dict[str, str]:
 def found(device: Device, ray: ReproRay, kernels: dict[str, str], mesh: Mesh = MESH) -> Finding:
     """Where a device with other kernels parts from itself."""
     return locate(mesh, GRID, ray, (Side(device.label), Side(device.label, kernels=kernels)))
+
+
+@cache
+def missed(label: str) -> Finding:
+    """What contracted edge functions do to a ray, found once."""
+    return locate(MESH, GRID, aimed(EDGES_RAY), (Side(label), Side(label, kernels=wrong())))

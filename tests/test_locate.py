@@ -182,7 +182,7 @@ def test_contraction_is_located_told_and_counted(device: Device) -> None:
 
 @pytest.mark.thorough
 def test_contracted_edge_functions_are_located_in_cell_and_triangle(device: Device) -> None:
-    located = planted.found(device, planted.aimed(planted.EDGES_RAY), planted.wrong()).located
+    located = planted.missed(device.label).located
     first, decision = located.difference, located.decision
     assert first is not None
     assert first.stage == "triangle"
@@ -194,6 +194,7 @@ def test_contracted_edge_functions_are_located_in_cell_and_triangle(device: Devi
     assert first.triangle is not None
     assert f"triangle {first.triangle} in cell " in located.where
     assert len(first.inputs) == 4
+    assert first.steps == ()
     # The answer changes, and where is said.
     assert located.sides[0].alone != located.sides[1].alone
     assert decision is not None

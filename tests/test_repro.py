@@ -49,7 +49,7 @@ def test_a_difference_is_written_small_and_replayed(
     device: Device, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "difference.json"
-    finding = planted.found(device, planted.aimed(planted.EDGES_RAY), planted.wrong())
+    finding = planted.missed(device.label)
     written = write_repro(path, finding)
     assert read_repro(path) == written
     assert written.located == finding.located
@@ -80,6 +80,8 @@ def test_a_difference_is_written_small_and_replayed(
     assert finding.located.difference is not None
     assert finding.located.difference.operation in text
     assert "second: a miss" in text
+    assert "first decision" in text
+    assert all(name in text for name in finding.located.difference.inputs)
 
 
 def side(label: str, t: float) -> SideRecord:

@@ -99,4 +99,7 @@ def _answers(found: Located) -> list[tuple[str, str]]:
 
 
 def _inputs(difference: Difference) -> list[tuple[str, str]]:
-    return [(name, f"{value.bits}  {value.decimal}") for name, value in difference.inputs.items()]
+    """The statements that give the differing value, and what goes into them."""
+    rows = [("computed by", "; ".join((*difference.steps, difference.operation)))]
+    rows += [(name, f"{value.bits}  {value.decimal}") for name, value in difference.inputs.items()]
+    return rows

@@ -163,6 +163,7 @@ def _parting(way: Way, left: Record | None, right: Record | None) -> Difference:
         value="next",
         type=COURSE,
         operation="what comes next on the ray's way",
+        steps=(),
         cell=way.cell,
         cell_at=None if way.cell is None else way.setting.cell_at(way.cell),
         triangle=None,
@@ -190,13 +191,15 @@ def _difference(ways: tuple[Way, Way], record: Record, value: Value, a: int, b: 
     way = ways[0]
     setting, cell = way.setting, way.cell
     in_words = value.operation.startswith(":")
+    *steps, operation = value.operation.removeprefix(": ").splitlines()
     names = [] if in_words else [name for name in names_of(value.operation) if name in way.names]
     first_as, second_as = (each.ways(value, bits) for each, bits in zip(ways, (a, b), strict=True))
     return Difference(
         stage=record.stage.name,
         value=value.name,
         type=value.type,
-        operation=value.operation.removeprefix(": ").splitlines()[-1],
+        operation=operation,
+        steps=tuple(steps),
         cell=cell,
         cell_at=None if cell is None else setting.cell_at(cell),
         triangle=setting.name_of(record.item) if record.stage.of == "triangle" else None,
