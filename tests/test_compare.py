@@ -61,7 +61,7 @@ def test_all_devices_and_one_thread_of_each_give_the_same_bits(all_devices: list
         assert_whole(device)
     # Rays have somewhere to differ.
     kinds = {kind.kind: kind for kind in found.devices[0].rows[0].kinds}
-    assert kinds["primary"].rays == 24 * 16 > kinds["primary"].hits > 100
+    assert kinds["primary"].rays == 24 * 16 > kinds["primary"].hits > 50
     assert kinds["structured"].hits > 50
     assert record.decode(record.encode(found), CompareRecord) == found
 
