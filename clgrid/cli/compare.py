@@ -147,7 +147,7 @@ def compare(
     files.write(result)
     if json:
         output.emit(record.encode(result))
-    elif not quiet:
+    elif result.devices and not quiet:
         _emit(result)
     for each in result.devices:
         output.warn([line for row in each.rows for line in _self_test(each, row)], quiet=quiet)
@@ -328,8 +328,8 @@ def _pair_table(scene: str, pairs: list[ComparePair]) -> Table:
 
     # All devices cast the same rays.
     kinds = {kind.kind: kind.rays for kind in pairs[0].rays}
-    rays = (f"{kind} rays of {count:,}" for kind, count in kinds.items())
-    of_image = (f"pixels of {pairs[0].image.pixels:,}", "largest", "PSNR", "FLIP")
+    rays = (f"{kind}\nof {count:,}" for kind, count in kinds.items())
+    of_image = (f"pixels\nof {pairs[0].image.pixels:,}", "largest", "PSNR", "FLIP")
     table = _table(
         f"{scene}: what differs", "accuracy", ("devices", "grids", *rays, "flips", "t ulps", *of_image)
     )
@@ -340,7 +340,7 @@ def _pair_table(scene: str, pairs: list[ComparePair]) -> Table:
         image = pair.image
         table.add_row(
             "" if pair.accuracy == last else pair.accuracy,
-            f"{pair.first}, {pair.second}",
+            Text(f"{pair.first}, {pair.second}", no_wrap=True),
             "same" if pair.grids else f"differ: {', '.join(pair.arrays)}",
             *(Text(of_kind.get(kind, "-"), style=colour) for kind in kinds),
             f"{sum(each.only_first + each.only_second for each in pair.rays):,}",

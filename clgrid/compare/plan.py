@@ -112,8 +112,10 @@ def parts_of(selectors: Sequence[str]) -> list[Part]:
     DeviceError
         If there is no such device, or no device at all.
     InputError
-        If there is but one.
+        If none is named, or there is but one.
     """
+    if not selectors:
+        raise InputError("compare: no device is named; give all, or some of clgrid devices")
     found: dict[str, Part] = {}
     for selector in selectors:
         parts = _every() if selector.strip() == ALL else [Part(*described(selector))]
