@@ -169,27 +169,6 @@ void set_beams(Bundle *bundle)
 }
 
 #ifndef RUNG_FAST
-// 1 / t_unit of four: it is a power of two, so that a product with this is the quotient by that.
-double4 per_unit_of_4(const Tile *tile, uint k)
-{
-    return as_double4(0x7FE0000000000000ul - as_ulong4(vload4(0, tile->t_unit + k)));
-}
-
-// first_t and last_t of four.
-double4 first_of_4(const Tile *tile, uint k)
-{
-    const double4 entry = vload4(0, tile->t_entry + k);
-    return vload4(0, tile->t_min + k) * per_unit_of_4(tile, k) - entry - (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
-}
-
-double4 last_of_4(const Tile *tile, uint k)
-{
-    const double4 entry = vload4(0, tile->t_entry + k);
-    const double4 last = vload4(0, tile->t_max + k) * per_unit_of_4(tile, k) - entry
-                         + (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
-    return min(last, convert_double4(vload4(0, tile->t + k)));
-}
-
 // Sets a group's rays; gives t where they start, and where they end if there is no hit.
 void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double *last)
 {
@@ -207,8 +186,8 @@ void load_group(const Tile *tile, Bundle *bundle, uint g, double *first, double 
         vstore4(sv[i], 0, bundle->shear[1] + at);
         vstore4(sd[i], 0, bundle->shear[2] + at);
 #endif
-        vstore4(first_of_4(tile, at), i, first);
-        vstore4(last_of_4(tile, at), i, last);
+        vstore4(first_t(tile, at), i, first);
+        vstore4(min(last_t(tile, at), convert_double4(vload4(0, tile->t + at))), i, last);
     }
     bundle->ou[g] = eight_of(tile->o[ku] + k);
     bundle->ov[g] = eight_of(tile->o[kv] + k);

@@ -6,7 +6,7 @@
 #ifndef CLG_GRID_H
 #define CLG_GRID_H
 #include "lists.h"
-#include "triangle.h"
+#include "pending.h"
 #include "walk.h"
 #ifdef SKIP_EMPTY
 #include "leap.h"
@@ -38,16 +38,6 @@ double slack_of(const Ray *ray)
     return T_SLACK + 0x1p-51 * fabs(ray->t_entry);
 }
 
-// Enters the grid for `hit`: no_hit(), or bound_of() the nearest so far. False: no hit matters.
-bool begin_walk(const Ray *ray, const Hit *hit, __constant const GridParams *grid, Walk *walk)
-{
-    double t_last = last_t(ray);  // no hit beyond it can win
-#ifdef PARTS
-    t_last = fmin(t_last, (double)hit->meeting.t + slack_of(ray));
-#endif
-    return enter_grid(ray, grid, first_t(ray), t_last, walk);
-}
-
 // Before a cell's triangles are tested: which of their crossings are counted there, from its tick to the next one's.
 void set_cell(const Walk *walk, long entered, long left, Hit *hit)
 {
@@ -64,8 +54,10 @@ bool go_on(const Ray *ray, __constant const GridParams *grid, const Hit *hit, Wa
     walk->stop = settled(hit) ? -1 : walk->stop;
 #elif !defined(QUERY_EACH)
     // Later cells may still hold a hit whose computed t is as near (docs/numerics.md).
-    const long bound = tick_after(walk, (double)hit->meeting.t + slack_of(ray));
-    walk->stop = bound < walk->stop ? bound : walk->stop;
+    if (hit->id != NO_HIT) {
+        const long bound = tick_after(walk, (double)hit->meeting.t + slack_of(ray));
+        walk->stop = bound < walk->stop ? bound : walk->stop;
+    }
 #endif
 #ifdef RUNG_EXACT
     return hit->decisions <= MOST_DECISIONS(grid->triangle_count);
@@ -74,17 +66,36 @@ bool go_on(const Ray *ray, __constant const GridParams *grid, const Hit *hit, Wa
 #endif
 }
 
-// Tests the triangles of a list that the ray passes from tick `entered` to `left`. False: as go_on.
-bool test_list(const Ray *ray, const Projection *projection, List list, long entered, long left, GRID_PARAMETERS,
-               MESH_PARAMETERS, Walk *walk, Hit *hit)
+// Tests those that are pending. False: as go_on.
+// Out of line: it is large, and asked for in three places of a walk, which has the registers.
+__attribute__((noinline))
+bool test_pending(const Ray *ray, const Projection *projection, __constant const GridParams *grid, MESH_PARAMETERS,
+                  Pending *pending, Walk *walk, Hit *hit)
+{
+    if (pending->count == 0)
+        return true;
+    keep_of_8(ray, projection, MESH_ARGUMENTS, pending->ids, pending->count, hit);
+    pending->count = 0;
+    return go_on(ray, grid, hit, walk);
+}
+
+// Takes up the triangles of a list that the ray passes from tick `entered` to `left`; tests them when they are
+// eight. False: as go_on.
+bool take_list(const Ray *ray, const Projection *projection, List list, long entered, long left, GRID_PARAMETERS,
+               MESH_PARAMETERS, Pending *pending, Walk *walk, Hit *hit)
 {
     set_cell(walk, entered, left, hit);
     while (list.count != 0) {
-        uint ids[8];
-        const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
-        keep_of_8(ray, projection, MESH_ARGUMENTS, ids, count, hit);
+        take_up(pending, take_id(&list, LIST_ARGUMENTS), faces);
+        if (pending->count == 8 && !test_pending(ray, projection, grid, MESH_ARGUMENTS, pending, walk, hit))
+            return false;
     }
-    return go_on(ray, grid, hit, walk);
+#ifdef LIST_BY_LIST
+    return test_pending(ray, projection, grid, MESH_ARGUMENTS, pending, walk, hit);
+#else
+    pending->idle = 0;
+    return true;
+#endif
 }
 
 #ifdef NESTED
@@ -92,6 +103,8 @@ bool test_list(const Ray *ray, const Projection *projection, List list, long ent
 bool walk_nest(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
 {
     Level around[MOST_LEVELS - 1], level = top_level(walk, grid);
+    Pending pending;
+    start_pending(&pending);
     uint depth = 0;
     long entered = -1;
     for (;;) {
@@ -108,11 +121,13 @@ bool walk_nest(const Ray *ray, const Projection *projection, GRID_PARAMETERS, ME
                                       max(entered, 0L));
                 continue;
             }
-            if (!test_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, hit))
+            if (!take_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, &pending, walk, hit))
                 return false;
+        } else if (is_due(&pending) && !test_pending(ray, projection, grid, MESH_ARGUMENTS, &pending, walk, hit)) {
+            return false;
         }
         if (due >= walk->stop)
-            return true;
+            return test_pending(ray, projection, grid, MESH_ARGUMENTS, &pending, walk, hit);
         entered = due;
         while (due >= level.left)
             level = around[--depth];
@@ -123,7 +138,7 @@ bool walk_nest(const Ray *ray, const Projection *projection, GRID_PARAMETERS, ME
 #else
 // Walks from cell to cell, from tick `entered` until `end` or nothing matters any more. False: as go_on.
 bool walk_cells(const Ray *ray, const Projection *projection, uint cell, Ticks ahead, long entered, long end,
-                GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
+                GRID_PARAMETERS, MESH_PARAMETERS, Pending *pending, Walk *walk, Hit *hit)
 {
     const long row = grid->resolution[0], layer = row * grid->resolution[1];
     const long x = walk->up_x ? 1 : -1, y = walk->up_y ? row : -row, z = walk->up_z ? layer : -layer;
@@ -133,9 +148,12 @@ bool walk_cells(const Ray *ray, const Projection *projection, uint cell, Ticks a
         ++hit->steps;
 #endif
         const List list = find_list(cell, grid, LIST_ARGUMENTS);
-        if (list.count != 0
-            && !test_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, hit))
+        if (list.count != 0) {
+            if (!take_list(ray, projection, list, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, pending, walk, hit))
+                return false;
+        } else if (is_due(pending) && !test_pending(ray, projection, grid, MESH_ARGUMENTS, pending, walk, hit)) {
             return false;
+        }
         if (due >= end || due >= walk->stop)
             return true;
         entered = due;
@@ -152,52 +170,55 @@ uint first_cell(const Walk *walk, __constant const GridParams *grid)
 // Walks the grid for `hit`: no_hit(), or bound_of() the nearest so far: what is not nearer than that is no
 // hit. The answer is, bit for bit, that of testing every triangle (docs/numerics.md, "Lossless grid"). False: that
 // had better be done.
-bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Hit *hit)
+bool walk_grid(const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
 {
-    Walk walk;
-    if (!begin_walk(ray, hit, grid, &walk))
-        return true;
 #if defined(NESTED)
-    return walk_nest(ray, projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &walk, hit);
+    return walk_nest(ray, projection, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, hit);
 #elif defined(SKIP_EMPTY)
-    Bricks bricks = bricks_of(&walk, grid);
+    Bricks bricks = bricks_of(walk, grid);
+    Pending pending;
+    start_pending(&pending);
     long entered = -1;
     for (;;) {
         const long due = least_tick(&bricks.next);
         const uint distance = distances[brick_number(&bricks)];
         if (distance == 0) {
             Ticks ahead;
-            const uint cell = enter_brick(&bricks, &walk, grid, max(entered, 0L), &ahead);
-            if (!walk_cells(ray, projection, cell, ahead, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, &walk, hit))
+            const uint cell = enter_brick(&bricks, walk, grid, max(entered, 0L), &ahead);
+            if (!walk_cells(ray, projection, cell, ahead, entered, due, GRID_ARGUMENTS, MESH_ARGUMENTS, &pending, walk,
+                            hit))
                 return false;
-            leave_brick(&bricks, &walk);
+            leave_brick(&bricks, walk);
             entered = due;
         } else {
 #ifdef COUNT_STEPS
             ++hit->steps;
 #endif
-            entered = leave_empty(&bricks, &walk, distance, due);
+            if (!test_pending(ray, projection, grid, MESH_ARGUMENTS, &pending, walk, hit))
+                return false;
+            entered = leave_empty(&bricks, walk, distance, due);
         }
-        if (entered >= walk.stop)
-            return true;
+        if (entered >= walk->stop)
+            return test_pending(ray, projection, grid, MESH_ARGUMENTS, &pending, walk, hit);
     }
 #else
-    return walk_cells(ray, projection, first_cell(&walk, grid), walk.next, -1, walk.stop, GRID_ARGUMENTS,
-                      MESH_ARGUMENTS, &walk, hit);
+    Pending pending;
+    start_pending(&pending);
+    return walk_cells(ray, projection, first_cell(walk, grid), walk->next, -1, walk->stop, GRID_ARGUMENTS,
+                      MESH_ARGUMENTS, &pending, walk, hit)
+           && test_pending(ray, projection, grid, MESH_ARGUMENTS, &pending, walk, hit);
 #endif
 }
 
-// What the query asks for of the triangles that the ray meets, but for what describe_hit adds.
-Hit traverse(const Ray *ray, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
+// What the query asks for of the triangles that the ray meets on a walk, but for what describe_hit adds.
+Hit traverse(const Ray *ray, Walk *walk, Hit hit, GRID_PARAMETERS, MESH_PARAMETERS)
 {
-    if (!ray->reaches)
-        return hit;
     const Projection projection = projection_of(ray);
 #ifdef RUNG_EXACT
-    if (ray->astray || !walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit))
+    if (ray->astray || !walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, &hit))
         test_all(ray, &projection, grid, MESH_ARGUMENTS, &hit);
 #else
-    walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
+    walk_grid(ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, walk, &hit);
 #endif
     return hit;
 }

@@ -33,30 +33,28 @@ typedef struct {
     long ticks[PATH + 1];      // when each is entered, and the last left
     uint at, end;              // what is left of them
     List list;                 // what is left of the list of cell `at` - 1
-    uint ids[8], id_count;     // to test in this turn
+    Pending pending;           // of the lists so far
+    bool tests;                // in this turn
 } Walker;
 
-// Sets out on ray `number` with the hit that is given.
-void set_out(Walker *w, uint number, const Ray *ray, Hit hit, __constant const GridParams *grid)
+// Sets out on ray `number`, which enters the grid or is astray, with the hit that is given.
+void set_out(Walker *w, uint number, const Ray *ray, const Walk *walk, Hit hit, __constant const GridParams *grid)
 {
     w->number = number;
     w->ray = *ray;
     w->hit = hit;
-    w->over = true;
+    w->over = false;
     w->given_up = false;
     w->list.count = 0;
     w->at = w->end = 0;
-    if (!ray->reaches)
-        return;
+    start_pending(&w->pending);
     w->projection = projection_of(ray);
 #ifdef RUNG_EXACT
-    w->given_up = ray->astray;
-    if (w->given_up)
-        return;
-#endif
-    w->over = !begin_walk(ray, &hit, grid, &w->walk);
+    w->over = w->given_up = ray->astray;
     if (w->over)
         return;
+#endif
+    w->walk = *walk;
     w->entered = -1;
 #ifdef SKIP_EMPTY
     w->bricks = bricks_of(&w->walk, grid);
@@ -150,6 +148,20 @@ void find_list_on_path(Walker *w, GRID_PARAMETERS)
     w->at = at;
 }
 
+// Takes up triangles of the list, and tells whether they are to be tested in this turn: where there are eight, or no
+// list to go on with; those of a list in any case, where lists go one by one.
+void take_ids(Walker *w, LIST_PARAMETERS, __global const uint *faces)
+{
+    const bool last = w->list.count == 0;
+    while (w->list.count != 0 && w->pending.count < 8)
+        take_up(&w->pending, take_id(&w->list, LIST_ARGUMENTS), faces);
+#ifdef LIST_BY_LIST
+    w->tests = w->pending.count != 0;
+#else
+    w->tests = w->pending.count == 8 || (last && w->pending.count != 0);
+#endif
+}
+
 // A turn for each of the rays under way.
 void take_turns(Walker *herd, uint count, GRID_PARAMETERS, MESH_PARAMETERS)
 {
@@ -157,28 +169,25 @@ void take_turns(Walker *herd, uint count, GRID_PARAMETERS, MESH_PARAMETERS)
         if (!herd[k].over && herd[k].list.count == 0 && herd[k].at == herd[k].end)
             find_path(herd + k, GRID_ARGUMENTS);
     for (uint k = 0; k < count; ++k)
-        if (herd[k].list.count == 0)
+        if (!herd[k].over && herd[k].list.count == 0)
             find_list_on_path(herd + k, GRID_ARGUMENTS);
-    for (uint k = 0; k < count; ++k) {
-        Walker *w = herd + k;
-        w->id_count = w->list.count == 0 ? 0 : take_ids(&w->list, LIST_ARGUMENTS, w->ids);
-        for (uint i = 0; i < w->id_count; ++i)
-            ask_for(faces + 3 * (size_t)w->ids[i]);
-    }
+    for (uint k = 0; k < count; ++k)
+        take_ids(herd + k, LIST_ARGUMENTS, faces);
     for (uint k = 0; k < count; ++k) {
         const Walker *w = herd + k;
-        for (uint i = 0; i < w->id_count; ++i)
+        for (uint i = 0; w->tests && i < w->pending.count; ++i)
             for (uint corner = 0; corner < 3; ++corner)
-                ask_for(vertices + 3 * (size_t)faces[3 * (size_t)w->ids[i] + corner]);
+                ask_for(vertices + 3 * (size_t)faces[3 * (size_t)w->pending.ids[i] + corner]);
     }
     for (uint k = 0; k < count; ++k) {
         Walker *w = herd + k;
-        if (w->id_count == 0)
+        if (!w->tests)
             continue;
+#ifdef QUERY_EACH
         set_cell(&w->walk, w->ticks[w->at - 1], w->ticks[w->at], &w->hit);
-        keep_of_8(&w->ray, &w->projection, MESH_ARGUMENTS, w->ids, w->id_count, &w->hit);
-        w->given_up = !go_on(&w->ray, grid, &w->hit, &w->walk);
-        w->over = w->given_up || settled(&w->hit);
+#endif
+        w->given_up = !test_pending(&w->ray, &w->projection, grid, MESH_ARGUMENTS, &w->pending, &w->walk, &w->hit);
+        w->over |= w->given_up || settled(&w->hit);
     }
 }
 

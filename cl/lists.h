@@ -104,7 +104,7 @@ void ask_for_list(uint cell, __constant const GridParams *grid, LIST_PARAMETERS)
 #endif
 }
 
-// Asks for what take_ids reads, of a list that is not empty.
+// Asks for what take_id reads, of a list that is not empty.
 void ask_for_ids(const List *list, LIST_PARAMETERS)
 {
 #if defined(LAYOUT_LINKED_LIST)
@@ -139,25 +139,19 @@ bool all_empty(uint first, uint count, __constant const GridParams *grid, LIST_P
 #endif
 }
 
-// Takes the next triangles, eight at most, off a list that is not empty; tells how many.
-uint take_ids(List *list, LIST_PARAMETERS, uint *ids)
+// Takes the next triangle off a list that is not empty.
+uint take_id(List *list, LIST_PARAMETERS)
 {
-    uint count = 0;
 #ifdef LAYOUT_LINKED_LIST
-    for (; count < 8 && list->begin != NO_REFERENCE; ++count) {
-        ids[count] = triangles[list->begin];
-        list->begin = next[list->begin];
-    }
+    const uint id = triangles[list->begin];
+    list->begin = next[list->begin];
     list->count = list->begin == NO_REFERENCE ? 0 : 1;
 #else
-    __global const uint *entries = entries_of(list, LIST_ARGUMENTS);
-    count = min(list->count, 8u);
-    for (uint i = 0; i < 8; ++i)
-        ids[i] = entries[i < count ? i : count - 1];
-    list->begin += count;
-    list->count -= count;
+    const uint id = *entries_of(list, LIST_ARGUMENTS);
+    ++list->begin;
+    --list->count;
 #endif
-    return count;
+    return id;
 }
 
 #endif

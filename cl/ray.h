@@ -49,17 +49,6 @@ bool within_interval(const Ray *ray, real t)
     return at >= ray->t_min && at <= ray->t_max;
 }
 
-// Local distances before and after which no accepted t can lie, for the grid walk.
-double first_t(const Ray *ray)
-{
-    return ray->t_min / ray->t_unit - ray->t_entry - (2.0 * T_SLACK + 0x1p-50 * fabs(ray->t_entry));
-}
-
-double last_t(const Ray *ray)
-{
-    return ray->t_max / ray->t_unit - ray->t_entry + (2.0 * T_SLACK + 0x1p-50 * fabs(ray->t_entry));
-}
-
 #ifdef WIDE_RAYS
 // o + t d, rounded about once also where both are large: what sums and the product lose is kept and added.
 double point_at(double o, double o_rest, double t, double d)

@@ -54,17 +54,21 @@ uint load_tile(Tile *tile, size_t number, ORDER_PARAMETERS, __constant const Fra
 #endif
     for (uint k = 0; k < TILE_RAYS; k += 4) {
         double o[3][4], d[3][4], t_min[4], t_max[4];
+        size_t i[4];
         for (uint lane = 0; lane < 4; ++lane) {
-            const size_t own = ray_in_tile(number, k + lane, ORDER_ARGUMENTS);
-            const size_t i = min(own, (size_t)ray_count - 1);
-            here |= (ulong)(own < ray_count ? 1 : 0) << (k + lane);
-            for (int a = 0; a < 3; ++a) {
-                o[a][lane] = origins[3 * i + a];
-                d[a][lane] = directions[3 * i + a];
-            }
-            t_min[lane] = T_BOUNDS(i)[0];
-            t_max[lane] = T_BOUNDS(i)[1];
+            const size_t given = ray_in_tile(number, k + lane, ORDER_ARGUMENTS);
+            i[lane] = min(given, (size_t)ray_count - 1);
+            here |= (ulong)(given < ray_count ? 1 : 0) << (k + lane);
         }
+        // As vectors from the start: four stores of a number each are not yet done when their vector is read.
+        for (int a = 0; a < 3; ++a) {
+            __global const RAY_REAL *from = origins + a, *along = directions + a;
+            vstore4((double4)(from[3 * i[0]], from[3 * i[1]], from[3 * i[2]], from[3 * i[3]]), 0, o[a]);
+            vstore4((double4)(along[3 * i[0]], along[3 * i[1]], along[3 * i[2]], along[3 * i[3]]), 0, d[a]);
+        }
+        __global const double *own[4] = {T_BOUNDS(i[0]), T_BOUNDS(i[1]), T_BOUNDS(i[2]), T_BOUNDS(i[3])};
+        vstore4((double4)(own[0][0], own[1][0], own[2][0], own[3][0]), 0, t_min);
+        vstore4((double4)(own[0][1], own[1][1], own[2][1], own[3][1]), 0, t_max);
         set_rays(tile, k, o, d, t_min, t_max, frame);
     }
     tile->reach &= here;

@@ -14,6 +14,7 @@
 #ifdef IN_TURNS
 #include "herd.h"
 #endif
+#include "entries.h"
 #include "tile_rays.h"
 #ifndef ALONE
 #include "slices.h"
@@ -24,17 +25,32 @@
 #define FEWEST_TOGETHER 12
 #endif
 
+// Whether the walk cannot follow ray k: all triangles are tested.
+bool is_astray(const Tile *tile, uint k)
+{
+#ifdef RUNG_EXACT
+    return tile->astray >> k & 1ul;
+#else
+    return false;
+#endif
+}
+
 // Casts rays of the tile each its own way.
 #ifdef IN_TURNS
 void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 {
     Walker herd[HERD];
     uint count = 0;
+    Entries entries;
+    entries.first = TILE_RAYS;
     while (count != 0 || members != 0) {
         for (; count < HERD && members != 0; members &= members - 1) {
             const uint k = lowest_of_64(members);
+            if (!enters(tile, k, grid, &entries) && !is_astray(tile, k))
+                continue;
             const Ray ray = ray_of(tile, k);
-            set_out(herd + count++, k, &ray, hit_of(tile, k), grid);
+            const Walk walk = walk_of(&entries, k);
+            set_out(herd + count++, k, &ray, &walk, hit_of(tile, k), grid);
         }
         take_turns(herd, count, GRID_ARGUMENTS, MESH_ARGUMENTS);
         for (uint k = 0; k < count;) {
@@ -50,15 +66,44 @@ void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 #else
 void cast_alone(Tile *tile, ulong members, GRID_PARAMETERS, MESH_PARAMETERS)
 {
+    Entries entries;
+    entries.first = TILE_RAYS;
     for (; members != 0; members &= members - 1) {
         const uint k = lowest_of_64(members);
+        if (!enters(tile, k, grid, &entries) && !is_astray(tile, k))
+            continue;
         const Ray ray = ray_of(tile, k);
-        set_hit(tile, k, traverse(&ray, hit_of(tile, k), GRID_ARGUMENTS, MESH_ARGUMENTS));
+        Walk walk = walk_of(&entries, k);
+        set_hit(tile, k, traverse(&ray, &walk, hit_of(tile, k), GRID_ARGUMENTS, MESH_ARGUMENTS));
     }
 }
 #endif
 
 #ifndef ALONE
+#ifdef ORDERED
+// Cells that starts of a tile's rays may spread over, across any axis; else its rays go one by one, without a look at
+// where they go: rays without order are seldom worth one.
+#ifndef WIDEST_START
+#define WIDEST_START 32.0f
+#endif
+
+// Whether the rays of a tile start far apart.
+bool starts_apart(const Tile *tile, __constant const GridParams *grid)
+{
+    float cells[3];
+    for (int a = 0; a < 3; ++a) {
+        float8 least = eight_of(tile->o[a]), greatest = least;
+        for (uint g = 1; g < GROUPS; ++g) {
+            const float8 o = eight_of(tile->o[a] + g * LANES);
+            least = o < least ? o : least;
+            greatest = o > greatest ? o : greatest;
+        }
+        cells[a] = (greatest_of(greatest) - least_of(least)) * grid->cells_per_unit[a] + 1.0f;
+    }
+    return cells[0] * cells[1] > WIDEST_START && cells[1] * cells[2] > WIDEST_START && cells[2] * cells[0] > WIDEST_START;
+}
+#endif
+
 // Bundles of one class of the rays `pending` of `count` tiles, which no longer are; how many. Few rays go alone.
 uint gather_company(Company *company, Tile *tiles, uint count, ulong *pending, __constant const GridParams *grid)
 {
@@ -101,11 +146,18 @@ void cast_tiles(Tile *tiles, uint count, GRID_PARAMETERS, MESH_PARAMETERS)
     for (uint i = 0; i < count; ++i)
         cast_alone(tiles + i, tiles[i].reach, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #else
+#ifdef ORDERED
+    for (uint i = 0; i < count; ++i)
+        tiles[i].alone |= starts_apart(tiles + i, grid) ? tiles[i].reach : 0;
+#endif
     ulong pending[TILES_TOGETHER];
     for (uint i = 0; i < count; ++i)
         pending[i] = tiles[i].reach & ~tiles[i].alone;
     Company company;
-    for (ulong left = 1; left != 0;) {
+    ulong left = 0;
+    for (uint i = 0; i < count; ++i)
+        left |= pending[i];
+    while (left != 0) {
         const uint size = gather_company(&company, tiles, count, pending, grid);
         cast_company(&company, size, GRID_ARGUMENTS, MESH_ARGUMENTS);
 #ifdef RUNG_FAST

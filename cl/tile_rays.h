@@ -127,6 +127,25 @@ void set_rays(Tile *tile, uint first, double given_o[3][4], double given_d[3][4]
     tile->reach |= bits_of_4(reach) << first;
 }
 
+// 1 / t_unit of four: it is a power of two, so that a product with this is the quotient by that.
+double4 per_unit_of_4(const Tile *tile, uint k)
+{
+    return as_double4(0x7FE0000000000000ul - as_ulong4(vload4(0, tile->t_unit + k)));
+}
+
+// Local distances before and after which no accepted t of rays k .. k + 3 can lie.
+double4 first_t(const Tile *tile, uint k)
+{
+    const double4 entry = vload4(0, tile->t_entry + k);
+    return vload4(0, tile->t_min + k) * per_unit_of_4(tile, k) - entry - (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
+}
+
+double4 last_t(const Tile *tile, uint k)
+{
+    const double4 entry = vload4(0, tile->t_entry + k);
+    return vload4(0, tile->t_max + k) * per_unit_of_4(tile, k) - entry + (2.0 * T_SLACK + 0x1p-50 * fabs(entry));
+}
+
 Ray ray_of(const Tile *tile, uint k)
 {
     Ray ray;

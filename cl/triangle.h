@@ -7,6 +7,7 @@
 //   WITH_UVS, WITH_T_ERR, WITH_CERTAIN   of the nearest or of all: weights, the error of t, who decided
 #ifndef CLG_TRIANGLE_H
 #define CLG_TRIANGLE_H
+#include "lanes.h"
 #if defined(RUNG_FAST)
 #include "triangle_fast.h"
 #elif defined(RUNG_PRECISE)
@@ -120,14 +121,9 @@ void keep_of_8(const Ray *ray, const Projection *projection, MESH_PARAMETERS, co
     ++hit->batches;
 #endif
     const Corners8 corners = gather_corners(vertices, faces, ids, count);
-    const int8 open = candidates_of(projection, &corners);
-    if (any(open)) {
-        int lanes[8];
-        vstore8(open, 0, lanes);
-        for (uint i = 0; i < count; ++i)
-            if (lanes[i])
-                keep(ray, projection, MESH_ARGUMENTS, ids[i], hit);
-    }
+    uint open = bits_of(candidates_of(projection, &corners)) & (0xFFu >> (8 - count));
+    for (; open != 0; open &= open - 1)
+        keep(ray, projection, MESH_ARGUMENTS, ids[lowest_of_32(open)], hit);
 }
 
 // What else is asked for of the nearest hit.

@@ -79,8 +79,9 @@ class Queries(ABC):
         fields : sequence of str, optional
             What to compute beside t_hit and primitive_ids, and nothing else: "primitive_uvs" (all there is by
             default), "t_err"; on the rung ``exact``, "certain"; "steps", "tests", "batches": cells that each
-            ray looked at, triangles it was tested against, and the batches of eight that they were tested in.
-            Any of these three gives all.
+            ray looked at, triangles of their lists, and the batches of eight that these were tested in, list
+            by list. Any of these three gives all. Rays that are not counted test several lists at once, and
+            a triangle that they meet again not again.
 
         Returns
         -------

@@ -14,6 +14,8 @@ RAYS_PER_ITEM = 64  # as in cl/rays_in_out.h
 _SIDE = 8
 # Rays looked at for rows, and how much farther than the median two neighbours must be for a row to end there.
 _LOOKED_AT, _JUMP = 1 << 14, 6.0
+# Rays glanced at before that, and the farthest that two may be from each other.
+_GLANCE, _FARTHEST = 256, 4.0
 _SHORTEST_ROW = 2 * _SIDE
 # Rows looked at, at most, for whether they run alike.
 _ROWS = 4
@@ -72,7 +74,9 @@ def _row_of(rays: Rays) -> int:
     count = len(rays.origins)
     if count < _SHORTEST_ROW * _SHORTEST_ROW:
         return 0
-    steps = _steps(rays.directions[: _LOOKED_AT + 1]) + _steps(rays.origins[: _LOOKED_AT + 1])
+    if _JUMP * np.median(_both_steps(rays, _GLANCE)) > _FARTHEST:
+        return 0  # rays without any order: no jump could stand out
+    steps = _both_steps(rays, _LOOKED_AT)
     if not np.isfinite(steps).all():
         return 0
     jumps = np.flatnonzero(steps > _JUMP * np.median(steps))
@@ -90,6 +94,11 @@ def _is_row(rays: Rays, row: int) -> bool:
         image = (some / (np.abs(some).max() or 1)).reshape(-1, row, 3)
         spread += sum(float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1))
     return spread < _ALIKE
+
+
+def _both_steps(rays: Rays, count: int) -> npt.NDArray[np.float64]:
+    """Of directions and origins together, between so many rays at the start."""
+    return _steps(rays.directions[: count + 1]) + _steps(rays.origins[: count + 1])
 
 
 def _steps(vectors: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
