@@ -89,3 +89,28 @@ def test_rows_longer_than_a_launch(device: Device, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(cast, "_RAYS_PER_LAUNCH", 500)
     hits = assert_brute(MESHES["torus"], device, "robust", view((1, 2, 3), 100, 16))
     assert hits.mask.any()
+
+
+@pytest.mark.parametrize("processors", [1, 2, 3])
+def test_keys_are_sorted_in_a_run_for_each_processor(
+    processors: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cast, "_SHORTEST_RUN", 100)
+    monkeypatch.setattr("os.cpu_count", lambda: processors)
+    keys = np.random.default_rng(33).permutation(1000).astype(np.uint64)
+    sorted_keys = keys.copy()
+    cast._sort_runs(sorted_keys)
+    for run, given in zip(
+        np.array_split(sorted_keys, processors), np.array_split(keys, processors), strict=True
+    ):
+        np.testing.assert_array_equal(run, np.sort(given))
+
+
+def test_an_order_of_several_runs_changes_no_bit(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cast, "_SHORTEST_RUN", 500)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    mesh = MESHES["torus"]
+    directions = np.random.default_rng(34).normal(size=(2000, 3))
+    hits = build(mesh, device=device, **GRID).cast(np.zeros(3), directions)
+    assert_same(hits, brute_force(mesh, np.zeros(3), directions, device=device))
+    assert hits.mask.any()
