@@ -266,8 +266,7 @@ def _ask_loader() -> list[tuple[Description, Any]]:
             log.debug("platform %s has no devices: %s", platform.name, error)
     found: list[Description] = []
     for index, (platform, device) in enumerate(devices):
-        processor = pocl.name_processor(platform, device)
-        note = f"compiles for {processor}: its LLVM does not know this processor" if processor else ""
+        note = pocl.name_processor(platform, device)
         description = describe(cl, index, platform, device, {d.label for d in found})
         found.append(replace(description, note=note))
     candidates = [d for d in found if d.implicit]

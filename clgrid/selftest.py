@@ -154,7 +154,7 @@ def record_name(seen: Description, rung: str) -> str:
         *(("count_hits.cl",) * (rung == "exact")),
     )
     return "selftest-" + cache.key(
-        *(rung, EXPECTED[rung], seen.platform_version, seen.name, seen.driver_version),
+        *(rung, EXPECTED[rung], seen.platform_version, seen.name, seen.driver_version, seen.note),
         *(source_digest(file) for file in files),
     )
 
