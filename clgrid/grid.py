@@ -71,6 +71,8 @@ class Grid(Queries, Life, Shown):
         # Before the arrays go, and before the process ends.
         weakref.finalize(self, self.under_way.wait)
         self.choice: cost.Choice | None = None
+        # What lets the next build have the arrays when the grid is gone.
+        self._endings: list[weakref.finalize[Any, Any]] = []
 
     @property
     def layout(self) -> str:
@@ -153,6 +155,7 @@ class Grid(Queries, Life, Shown):
             recipe.skipping,
             recipe.density,
         )
+        self._endings.append(allocator.give_with(lists, lists.buffers, self.under_way.wait))
         return GridPart(part, lists)
 
     def stand_on(self, ends: Sequence[int], makers: Sequence[Callable[[Allocator], CellLists]]) -> None:
@@ -164,6 +167,9 @@ class Grid(Queries, Life, Shown):
 
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
+        for ending in self._endings:
+            ending.detach()
+        self._endings = []
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from clgrid import spare
 from clgrid.device import Device
 from clgrid.errors import SMALLER_GRID, BufferTooLargeError, GridTooLargeError
 
@@ -37,7 +40,7 @@ class Allocator:
     Attributes
     ----------
     in_use, peak_nbytes : int
-        Bytes in buffers made here and not given back to the device, now and at most.
+        Bytes of buffers handed out here and not given back, now and at most.
     recycles : bool
         Whether released buffers are kept for the next that fits them. A rebuild then allocates nothing.
     allocations : int
@@ -50,6 +53,8 @@ class Allocator:
         self._device = device
         self._max_bytes = max_bytes
         self._spare: list[Any] = []
+        # Of each buffer handed out, by its address: what is counted as in use.
+        self._counted: dict[int, int] = {}
         self.in_use = 0
         self.peak_nbytes = 0
         self.recycles = False
@@ -93,11 +98,9 @@ class Allocator:
 
     def buffer(self, nbytes: int) -> Any:
         """A read-write buffer of at least so many bytes, and of one, since OpenCL has no empty ones."""
-        import pyopencl as cl
-
-        spare = self._fitting(nbytes)
-        if spare is not None:
-            return spare
+        own = self._fitting(nbytes)
+        if own is not None:
+            return own
         size = max(nbytes, 1)
         limit = largest_buffer(self._device)
         if size > limit:
@@ -106,20 +109,28 @@ class Allocator:
             )
         if self.recycles:
             size = max(size, min(size + size // _HEADROOM, limit))
+        buffer = spare.take(self._device, size)
+        if buffer is None:
+            buffer = self._made(size)
+            self.allocations += 1
+        self._counted[buffer.int_ptr] = size
+        self.in_use += size
+        self.peak_nbytes = max(self.peak_nbytes, self.in_use)
+        return buffer
+
+    def _made(self, size: int) -> Any:
+        """A new buffer."""
+        import pyopencl as cl
+
         flags = cl.mem_flags.READ_WRITE
         try:
             if size >= _HUGE and self._device.cl_device.host_unified_memory:
                 host = _in_huge_pages(size)
-                buffer = cl.Buffer(self._device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
-            else:
-                buffer = cl.Buffer(self._device.context, flags, size)
+                return cl.Buffer(self._device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+            return cl.Buffer(self._device.context, flags, size)
         except (cl.MemoryError, cl.LogicError, MemoryError) as error:
-            held = f"{nbytes:,} bytes beside {self.in_use:,} in use"
+            held = f"{size:,} bytes beside {self.in_use:,} in use"
             raise GridTooLargeError(f"the device has no room for {held} ({error}); {SMALLER_GRID}") from error
-        self.allocations += 1
-        self.in_use += buffer.size
-        self.peak_nbytes = max(self.peak_nbytes, self.in_use)
-        return buffer
 
     def _fitting(self, nbytes: int) -> Any:
         """The smallest spare buffer that fits, taken from the spare ones, or None."""
@@ -222,13 +233,12 @@ class Allocator:
         return array
 
     def release(self, *buffers: Any) -> None:
-        """Give buffers back, or keep them for the next that fits."""
+        """Take buffers back that kernels to come do not use, and keep them for the next that fits."""
         if self.recycles:
             self._spare += buffers
             return
         for buffer in buffers:
-            self.in_use -= buffer.size
-            buffer.release()
+            self._count_out(buffer)
 
     def drop(self) -> None:
         """Forget all buffers, spare ones too: each goes with the last that refers to it."""
@@ -237,8 +247,46 @@ class Allocator:
 
     def start_again(self) -> None:
         """Forget what an abandoned build had in use: it goes with the build's own variables."""
-        self.in_use = sum(buffer.size for buffer in self._spare)
+        kept = {buffer.int_ptr: buffer.size for buffer in self._spare}
+        self._counted = {address: self._counted.get(address, size) for address, size in kept.items()}
+        self.in_use = sum(self._counted.values())
         self.finished = 0
+
+    def give_with(
+        self, owner: object, buffers: Sequence[Any], wait: Callable[[], None]
+    ) -> weakref.finalize[Any, Any]:
+        """Have buffers that were made here wait for the next build once nobody refers to their owner.
+
+        Parameters
+        ----------
+        owner : object
+        buffers : sequence of buffer
+        wait : callable
+            Returns when no kernel reads them.
+
+        Returns
+        -------
+        weakref.finalize
+            What does it, to be detached if they are released before.
+        """
+        made = [buffer for buffer in buffers if buffer.int_ptr in self._counted]
+        ending = weakref.finalize(owner, _give_after, wait, self._device, made)
+        ending.atexit = False
+        return ending
+
+    def _count_out(self, buffer: Any) -> None:
+        """Let a buffer go: one that was made here to the next build."""
+        counted = self._counted.pop(buffer.int_ptr, None)
+        self.in_use -= buffer.size if counted is None else counted
+        if counted is None:
+            buffer.release()
+        else:
+            spare.give(self._device, buffer)
+
+
+def _give_after(wait: Callable[[], None], device: Device, buffers: list[Any]) -> None:
+    wait()
+    spare.give(device, *buffers)
 
 
 def _in_huge_pages(nbytes: int) -> npt.NDArray[np.uint8]:
