@@ -7,6 +7,7 @@ one has volume. How much of a line is before its first hit, ``sightlines`` tells
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -120,8 +121,7 @@ def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sampl
     count = mesh.triangle_count
     taken = np.arange(count)
     if count > size:
-        within = np.random.default_rng(0).random(size)
-        taken = ((np.arange(size) + within) * (count / size)).astype(np.int64)
+        taken = (_draws(size) * (count / size)).astype(np.int64)
     frame = LocalFrame.of_bounds(mesh.bounds)
     local = frame.to_local(mesh.vertices[mesh.faces[taken].reshape(-1)]).astype(np.float64)
     a, b, c = np.ascontiguousarray(local.reshape(-1, 3, 3).transpose(1, 2, 0))
@@ -139,6 +139,12 @@ def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sampl
         bounds=bounds,
         triangles=count,
     )
+
+
+@functools.cache
+def _draws(size: int) -> npt.NDArray[np.float64]:
+    """A number at random out of each of so many runs of length 1, one after the other."""
+    return np.arange(size) + np.random.default_rng(0).random(size)
 
 
 @dataclass(frozen=True)

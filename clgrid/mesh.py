@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -12,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import MeshError
+from clgrid.outermost import FloatArray, Outermost, extent, outermost
 from clgrid.shown import Facts, Shown, bytes_text, counted
 
 if TYPE_CHECKING:
     import trimesh
-
-FloatArray = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 MAX_COUNT = 2**32 - 2
 """Most triangles or vertices a mesh may have: 0xffffffff is kept free as "none" in 32-bit indices."""
@@ -157,15 +155,29 @@ class Mesh(Shown):
             raise MeshError(
                 f"{self.source}: no triangles, so no bounds; give a mesh with at least one triangle"
             )
-        bounds = at_outermost(self.vertices, self._names)
-        if bounds is None:
-            # A copy with others in their place takes a fifth of a selection's time.
-            in_use = self.vertices.copy()
-            in_use[~used_vertices(self)] = self.vertices[self.faces[0, 0]]
-            bounds = extent(in_use)
-        bounds = bounds.astype(np.float64)
+        bounds = self._bounds_in_use().astype(np.float64)
         bounds.setflags(write=False)
         return bounds
+
+    @cached_property
+    def _outermost(self) -> Outermost:
+        """Of all vertices, which are at least one, whether a triangle uses them or not."""
+        return outermost(self.vertices)
+
+    def _bounds_in_use(self) -> FloatArray:
+        points, found, known = self.vertices, self._outermost, set[int]()
+        for _ in range(_FEW_STRAYS):
+            places = {place for side in found.places for place in side} - known
+            strays = [place for place in places if not self._names(place)]
+            if not strays:
+                return found.bounds
+            # A copy with others in their place takes a fifth of a selection's time.
+            points = self.vertices.copy() if points is self.vertices else points
+            points[strays] = self.vertices[self.faces[0, 0]]
+            known |= places
+            found = outermost(points)
+        points[~used_vertices(self)] = self.vertices[self.faces[0, 0]]
+        return extent(points)
 
     def _names(self, vertex: int) -> bool:
         """Whether a triangle uses the vertex: looked for first where one order of both would have it."""
@@ -218,36 +230,9 @@ class Mesh(Shown):
 
 
 _NAMES_SHOWN = 5
-_LONG_ROW = 256
+# So often vertices of no triangle are looked past: of those that scans have, few are outermost.
+_FEW_STRAYS = 4
 _FEW, _MANY = 1 << 10, 1 << 14  # triangles to each side
-
-
-def extent(points: FloatArray) -> FloatArray:
-    """(2, 3): least and greatest coordinates of (N, 3) points, N at least 1; NaN where one is."""
-    bounds = at_outermost(points, lambda point: True)
-    assert bounds is not None
-    return bounds
-
-
-def at_outermost(points: FloatArray, counts: Callable[[int], bool]) -> FloatArray | None:
-    """``extent``, or None if a point that it is of does not count, though another may be as far out."""
-    # Long rows: numpy reduces rows of three numbers one number at a time, which takes ten times as long.
-    whole = len(points) // _LONG_ROW * _LONG_ROW
-    long = points[:whole].reshape(-1, 3 * _LONG_ROW)
-    bounds = np.empty((2, 3), points.dtype)
-    for side, (end, at_end) in enumerate(((np.min, np.argmin), (np.max, np.argmax))):
-        places = at_end((end(long, axis=0) if whole else points).reshape(-1, 3), axis=0).tolist()
-        if whole:
-            rows = [int(at_end(long[:, 3 * place + axis])) for axis, place in enumerate(places)]
-            places = [row * _LONG_ROW + place for row, place in zip(rows, places, strict=True)]
-        if 0 < whole < len(points):
-            others = (at_end(points[whole:], axis=0) + whole).tolist()
-            both = np.stack([points[places, (0, 1, 2)], points[others, (0, 1, 2)]])
-            places = np.choose(at_end(both, axis=0), (places, others)).tolist()
-        if not all(map(counts, places)):
-            return None
-        bounds[side] = points[places, (0, 1, 2)]
-    return bounds
 
 
 def used_vertices(mesh: Mesh) -> npt.NDArray[np.bool_]:
@@ -356,8 +341,8 @@ def _validate_indices(mesh: Mesh) -> None:
 
 def _validate_finite(mesh: Mesh) -> None:
     """Refuse NaN and infinite coordinates of vertices that a triangle uses."""
-    # minimum and maximum carry NaN along and need no temporary array: the usual, finite mesh pays one pass
-    if not mesh.vertices.size or (np.isfinite(mesh.vertices.min()) and np.isfinite(mesh.vertices.max())):
+    # The outermost carry NaN along, and the bounds need them too.
+    if not mesh.vertices.size or np.isfinite(mesh._outermost.bounds).all():
         return
     bad = np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1) & used_vertices(mesh))
     if len(bad) == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class Scatter:
             Of the whole mesh.
         seed : int
         """
-        points, of = _points_on(corners, areas, np.random.default_rng(seed))
+        points, of = _points_on(corners, areas, seed)
         owners = np.concatenate([of, np.arange(len(areas))])
         surface = np.zeros(len(owners))
         surface[: len(of)] = area / max(1, len(of))
@@ -63,16 +64,23 @@ class Scatter:
         return amounts[self.owners] * self.shares
 
 
+@functools.cache
+def _draws(seed: int) -> tuple[FloatArray, FloatArray]:
+    """By point: a share of the area before it, in order, and (2, k) coordinates in a triangle."""
+    rng = np.random.default_rng(seed)
+    shares = (np.arange(_POINTS) + rng.random(_POINTS)) / _POINTS
+    u, v = rng.random((2, _POINTS))
+    return shares, np.where(u + v > 1, (1 - u, 1 - v), (u, v))
+
+
 def _points_on(
-    corners: tuple[FloatArray, FloatArray, FloatArray], areas: FloatArray, rng: np.random.Generator
+    corners: tuple[FloatArray, FloatArray, FloatArray], areas: FloatArray, seed: int
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """(3, k) points evenly all over the triangles, and the triangle of each; none on a mesh without area."""
     ends = np.cumsum(areas)
     if not ends[-1] > 0:
         return np.zeros((3, 0)), np.zeros(0, np.int64)
-    at = (np.arange(_POINTS) + rng.random(_POINTS)) / _POINTS * ends[-1]
-    of = np.minimum(np.searchsorted(ends, at), len(areas) - 1)
-    u, v = rng.random((2, _POINTS))
-    u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
+    shares, (u, v) = _draws(seed)
+    of = np.minimum(np.searchsorted(ends, shares * ends[-1]), len(areas) - 1)
     a, b, c = (corner[:, of] for corner in corners)
     return a + u * (b - a) + v * (c - a), of
