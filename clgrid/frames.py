@@ -17,7 +17,8 @@ from clgrid.camera import Camera
 from clgrid.device import Device
 from clgrid.errors import InputError
 from clgrid.grid import Grid
-from clgrid.mesh import Mesh, extent, used_vertices
+from clgrid.mesh import Mesh, used_vertices
+from clgrid.outermost import extent
 from clgrid.record import FrameMedians, FrameRow, FramesRecord
 from clgrid.renderer import render
 from clgrid.scene import Scene, up_axis

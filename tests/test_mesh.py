@@ -7,7 +7,8 @@ import pytest
 
 import clgrid.mesh
 from clgrid.errors import MeshError
-from clgrid.mesh import Mesh, extent
+from clgrid.mesh import Mesh
+from clgrid.outermost import extent
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clgrid.errors import InputError
-from clgrid.mesh import FloatArray, Mesh, extent, used_vertices
+from clgrid.mesh import FloatArray, Mesh, used_vertices
+from clgrid.outermost import extent
 
 if TYPE_CHECKING:
     from clgrid.camera import Camera
