@@ -110,7 +110,8 @@ def cache_name(device: Device, layout: str, skipping: bool) -> str:
     files = (*layouts.programs(layout, skip=skipping), "cast_closest.cl")
     return "cost-" + cache.key(
         *(_FORMAT, layout, skipping),
-        *(seen.platform_version, seen.name, seen.driver_version, seen.note, seen.compute_units),
+        *(seen.platform_version, seen.name, seen.driver_version, seen.compute_units),
+        *((seen.note,) if seen.note else ()),
         *(source_digest(file) for file in files),
     )
 

@@ -119,11 +119,11 @@ def sample(mesh: Mesh, size: int = _SAMPLE, view: Camera | None = None) -> Sampl
         Whose picture the rays are; without, rays come from anywhere outside.
     """
     count = mesh.triangle_count
-    taken = np.arange(count)
-    if count > size:
-        taken = (_draws(size) * (count / size)).astype(np.int64)
+    taken = (_draws(size) * (count / size)).astype(np.int64) if count > size else np.arange(count)
     frame = LocalFrame.of_bounds(mesh.bounds)
-    local = frame.to_local(mesh.vertices[mesh.faces[taken].reshape(-1)]).astype(np.float64)
+    # numpy takes rows in a third of the time in which it indexes them.
+    corners = mesh.vertices.take(mesh.faces.take(taken, axis=0).reshape(-1), axis=0)
+    local = frame.to_local(corners).astype(np.float64)
     a, b, c = np.ascontiguousarray(local.reshape(-1, 3, 3).transpose(1, 2, 0))
     e, f = b - a, c - a
     twice = np.stack([e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]])
