@@ -117,6 +117,7 @@ class Grid(Queries, Life, Shown):
         if self.parts:
             _ = self.stats  # which outlives the buffers
         self.under_way.wait()
+        self._stop_endings()
         self.parts, self._target = [], None
         self._allocator.drop()
 
@@ -167,13 +168,17 @@ class Grid(Queries, Life, Shown):
 
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
-        for ending in self._endings:
-            ending.detach()
-        self._endings = []
+        self._stop_endings()
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []
         self._allocator.start_again()
+
+    def _stop_endings(self) -> None:
+        """The arrays of all parts go elsewhere than to the next build."""
+        for ending in self._endings:
+            ending.detach()
+        self._endings = []
 
     def update(self, vertices: FloatArray) -> None:
         """Rebuild the grid in place for moved vertices, on the device, allocating only what grew.
