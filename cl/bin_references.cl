@@ -43,8 +43,14 @@ typedef uint4 loose_uint4 __attribute__((aligned(4)));
 
 // Enters a triangle of whatever size.
 void bin_triangle(__constant const GridParams *grid, __global const float *vertices, __global const uint *face,
-                  uint2 packed, const Bins *bins, uint triangle)
+                  uint2 packed, __global const uint2 *runs, const Bins *bins, uint triangle)
 {
+    if (is_kept(packed.y)) {
+        __global const uint2 *own = runs + (packed.y & KEPT_AT);
+        for (uint k = 1; k <= own->x; ++k)
+            bin_run(bins, own[k].x, own[k].y, triangle);
+        return;
+    }
     const uint mx = grid->resolution[0], my = grid->resolution[1];
     uint4 extent = packed_extent(packed.y);
     if (packed.y == RANGE_TOO_LONG || worth_clipping(extent)) {
@@ -67,14 +73,15 @@ __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void bin_references(__constant const GridParams *grid, __global const float *vertices,
                              __global const uint *faces, uint chunk_size, uint slab_shift, uint slabs,
                              __global const uint2 *ranges, __global ref_index *starts,
-                             __global const ref_index *ends, __global uint *binned)
+                             __global const ref_index *ends, uint room, __global const uint2 *runs,
+                             __global uint *binned)
 {
     const uint chunk = get_global_id(0);
     const uint begin = chunk * chunk_size;
     const uint end = min(begin + chunk_size, grid->triangle_count);
     const uint mx = grid->resolution[0], layer = mx * grid->resolution[1];
     __global ref_index *position = starts + (size_t)chunk * slabs;
-    __global const ref_index *room = ends + (size_t)chunk * slabs;
+    __global const ref_index *end_of = ends + (size_t)chunk * slabs;
     const Bins bins = {position, binned, slab_shift};
     const uint within = (1u << slab_shift) - 1u;
     // Cells of a layer after its first, by the extents less one along y and x, 0 or 1 each.
@@ -91,8 +98,8 @@ __kernel void bin_references(__constant const GridParams *grid, __global const f
         const ref_index at0 = position[slab0], next = position[slab1];
         const bool easy = ((packed.y & ~(1u | 1u << 11 | 1u << 22)) | ((first + across) >> slab_shift ^ slab0) |
                            ((second + across) >> slab_shift ^ slab1)) == 0;
-        if (!easy || at0 + 8 > room[slab0] || next + 8 > room[slab1]) {
-            bin_triangle(grid, vertices, faces + 3 * (size_t)i, packed, &bins, i - begin);
+        if (!easy || at0 + 8 > end_of[slab0] || next + 8 > end_of[slab1]) {
+            bin_triangle(grid, vertices, faces + 3 * (size_t)i, packed, runs + (size_t)chunk * room, &bins, i - begin);
             continue;
         }
         const uint count = (1u + more_x) << more_y;

@@ -4,6 +4,8 @@
 //   ranges[triangle]           packed cell range, see raster.h
 //   counts[chunk][slab]        references of the chunk in the slab
 //   spare[chunk][slab]         for the kernel's own use
+//   runs[chunk][room]          of large triangles the runs of cells that they touch, so that they are clipped once: of
+//                              each their number, then first cell and end of each; as many as there is room for
 //   totals[chunk]              references of the chunk, in 64 bits
 #include "clip.h"
 
@@ -18,10 +20,17 @@ void count_run(__global ref_index *count, uint slab_shift, uint cell, uint end)
     }
 }
 
-// Counts the cells that a large triangle touches; returns their number.
+// Room for runs of a chunk, and how much of it is taken.
+typedef struct {
+    __global uint2 *runs;
+    uint room, taken;
+} Kept;
+
+// Counts the cells that a large triangle touches; returns their number. Its runs are kept if they fit.
 ulong count_clipped(__constant const GridParams *grid, __global const float *vertices, __global const uint *face,
-                    CellRange range, uint slab_shift, __global ref_index *count)
+                    CellRange range, uint slab_shift, __global ref_index *count, Kept *kept, __global uint2 *packed)
 {
+    uint next = kept->taken + 1;
     const uint mx = grid->resolution[0], my = grid->resolution[1];
     const Polygon triangle = whole_triangle(vertices, face);
     const Planes planes = planes_of(grid, (uint4)(0));
@@ -32,25 +41,37 @@ ulong count_clipped(__constant const GridParams *grid, __global const float *ver
         for (int y = range.first.y; y <= range.last.y; ++y) {
             const int2 run = row_run(&planes, sides, number, y, range.first.x, range.last.x);
             const uint row = ((uint)z * my + (uint)y) * mx;
-            count_run(count, slab_shift, row + (uint)run.x, row + (uint)run.y + 1u);
+            const uint begin = row + (uint)run.x, end = row + (uint)run.y + 1u;
+            count_run(count, slab_shift, begin, end);
             total += (ulong)(run.y - run.x + 1);
+            if (begin == end)
+                continue;
+            if (next < kept->room)
+                kept->runs[next] = (uint2)(begin, end);
+            ++next;
         }
+    }
+    if (next <= kept->room) {
+        kept->runs[kept->taken].x = next - kept->taken - 1;
+        packed->y = RANGE_KEPT | kept->taken;
+        kept->taken = next;
     }
     return total;
 }
 
-// Counts the cells of one triangle, whatever its size, unless they are more than `room`; returns their number.
+// Counts the cells of one triangle, whatever its size, unless they are more than `most`; returns their number.
 ulong count_triangle(__constant const GridParams *grid, __global const float *vertices, __global const uint *face,
-                     CellRange range, ulong room, uint slab_shift, __global ref_index *count)
+                     CellRange range, ulong most, uint slab_shift, __global ref_index *count, Kept *kept,
+                     __global uint2 *packed)
 {
     const uint mx = grid->resolution[0], my = grid->resolution[1];
     const uint4 extent = convert_uint4(range.last - range.first) + 1u;
     const ulong box = (ulong)extent.x * extent.y * extent.z;
     // A grid that will be refused is only counted: the rows of it may take hours.
-    if (box > room)
+    if (box > most)
         return box;
     if (worth_clipping(extent))
-        return count_clipped(grid, vertices, face, range, slab_shift, count);
+        return count_clipped(grid, vertices, face, range, slab_shift, count, kept, packed);
     for (uint z = 0; z < extent.z; ++z) {
         uint row = (((uint)range.first.z + z) * my + (uint)range.first.y) * mx + (uint)range.first.x;
         for (uint y = 0; y < extent.y; ++y, row += mx)
@@ -111,7 +132,7 @@ __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void count_references(__constant const GridParams *grid, __global const float *vertices,
                                __global const uint *faces, uint chunk_size, uint slab_shift, uint slabs,
                                ulong most_references, __global uint2 *ranges, __global ref_index *counts,
-                               __global ref_index *spare, __global ulong *totals)
+                               __global ref_index *spare, uint room, __global uint2 *runs, __global ulong *totals)
 {
     const uint chunk = get_global_id(0);
     const uint begin = chunk * chunk_size;
@@ -119,6 +140,7 @@ __kernel void count_references(__constant const GridParams *grid, __global const
     __global ref_index *count = counts + (size_t)chunk * slabs, *other = spare + (size_t)chunk * slabs;
     for (uint s = 0; s < slabs; ++s)
         count[s] = other[s] = 0;
+    Kept kept = {runs + (size_t)chunk * room, room, 0};
     ulong total = 0;
     uint i = begin;
     for (; i + VECTOR <= end && total + MOST_EASY_CELLS <= most_references; i += VECTOR) {
@@ -133,14 +155,15 @@ __kernel void count_references(__constant const GridParams *grid, __global const
             for (uint k = 0; k < VECTOR; ++k)
                 if (counted[k] == 0)
                     total += count_triangle(grid, vertices, face + 3 * k, cell_range(grid, vertices, face + 3 * k),
-                                            most_references - min(total, most_references), slab_shift, count);
+                                            most_references - min(total, most_references), slab_shift, count, &kept,
+                                            ranges + i + k);
     }
     for (; i < end; ++i) {
         __global const uint *face = faces + 3 * (size_t)i;
         const CellRange range = cell_range(grid, vertices, face);
         ranges[i] = pack_range(range, grid->resolution[0], grid->resolution[1]);
         total += count_triangle(grid, vertices, face, range, most_references - min(total, most_references),
-                                slab_shift, count);
+                                slab_shift, count, &kept, ranges + i);
     }
     for (uint s = 0; s < slabs; ++s)
         count[s] += other[s];

@@ -86,7 +86,15 @@ CellRanges8 cell_ranges8(__constant const GridParams *grid, __global const float
 // A range in eight bytes: the first cell's index, and the extents less one in 11, 11 and 10 bits.
 // What does not fit says so by an extent of its own, whose odd bits along z are clear: no second layer is looked at.
 #define RANGE_TOO_LONG 0xFFBFFFFFu
-#define MOST_LAYERS 1021
+// Of a triangle that was clipped: where its runs of cells are kept, in the 22 bits below.
+#define RANGE_KEPT 0xFF000000u
+#define KEPT_AT 0x003FFFFFu
+#define MOST_LAYERS 1019
+
+bool is_kept(uint packed)
+{
+    return (packed & ~KEPT_AT) == RANGE_KEPT;
+}
 
 uint2 pack_range(CellRange range, uint mx, uint my)
 {

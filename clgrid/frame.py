@@ -99,7 +99,7 @@ class LocalFrame:
         return local
 
     def _to_local_short(
-        self, vertices: npt.NDArray[np.float32], local: npt.NDArray[np.float32]
+        self, vertices: FloatArray, local: npt.NDArray[np.float32]
     ) -> npt.NDArray[np.float32]:
         """``to_local`` in float32 alone: the difference to a vertex in use is exact, and so is the scale."""
         offset, scale = self.offset.astype(np.float32), np.float32(2.0**-self.exponent)

@@ -122,6 +122,7 @@ class Grid(Adapts, Shown):
         if self.parts:
             self._stats = [], self.stats  # which outlive the buffers
         self.under_way.wait()
+        self._stop_endings()
         with self._swapping:
             self.parts, self._target = [], None
         self._allocator.drop()
@@ -173,13 +174,17 @@ class Grid(Adapts, Shown):
 
     def _give_back(self) -> None:
         """Release the arrays of all parts."""
-        for ending in self._endings:
-            ending.detach()
-        self._endings = []
+        self._stop_endings()
         for part in self.parts:
             self._allocator.release(*part.lists.buffers)
         self.parts = []
         self._allocator.start_again()
+
+    def _stop_endings(self) -> None:
+        """The arrays of all parts go elsewhere than to the next build."""
+        for ending in self._endings:
+            ending.detach()
+        self._endings = []
 
     def update(self, vertices: FloatArray) -> None:
         """Rebuild the grid in place for moved vertices, on the device, allocating only what grew.

@@ -76,9 +76,9 @@ class Life(ABC):
     def release(self) -> None:
         """Give the buffers back to the device; ``with clgrid.build(mesh) as grid`` does so at its end.
 
-        A grid that nobody refers to gives them back too. What is then asked of this one is an InputError, but
-        for ``stats`` and ``mesh``. Releasing twice is nothing. A forked process leaves buffers alone: they
-        are not its own.
+        Those of a grid that nobody refers to wait for the next build on the device, 64 MB of them at most.
+        What is then asked of this one is an InputError, but for ``stats`` and ``mesh``. Releasing twice is
+        nothing. A forked process leaves buffers alone: they are not its own.
         """
         before, self._released = self._released, True
         # In this order, so that a thread that finds no buffers finds out why.

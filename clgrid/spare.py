@@ -1,6 +1,6 @@
 """Buffers that wait for the next build on their device: memory is dear the first time it is touched.
 
-A page that the system hands out anew takes 1 to 3 microseconds, which is up to a fifth of a small build.
+A page that the system hands out anew takes some microseconds: up to a fifth of a small build in all.
 """
 
 from __future__ import annotations

@@ -310,3 +310,14 @@ def test_hashed_is_as_small_as_published(name: str, device: Device) -> None:
     assert hashed.nbytes / compact.nbytes <= (0.46 if "dragon" in name else 0.55)
     assert hashed.stats.load_factor >= 0.85
     assert hashed.stats.empty_share == compact.stats.empty_share
+
+
+@pytest.mark.parametrize("most", [0, 1, 5, 100])
+def test_large_triangles_whose_runs_find_no_room_are_clipped_again(
+    most: int, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cube = procedural.cube()
+    kept = build(cube, resolution=(12, 13, 14), device=device).arrays()
+    monkeypatch.setattr(binning, "_MOST_RUNS", most)
+    for name, array in build(cube, resolution=(12, 13, 14), device=device).arrays().items():
+        np.testing.assert_array_equal(array, kept[name], name)

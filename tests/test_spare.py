@@ -76,12 +76,20 @@ def test_no_buffer_waits_that_a_grid_holds(device: Device) -> None:
     assert not held & {buffer.int_ptr for buffer in other.parts[0].lists.buffers}
 
 
+def test_what_is_released_by_hand_goes_back_to_the_device(device: Device) -> None:
+    grid = made(device)
+    held = {buffer.int_ptr for buffer in grid.parts[0].lists.buffers}
+    grid.release()
+    del grid
+    gc.collect()
+    assert not held & set(waiting(device))
+
+
 def test_no_buffer_waits_twice(device: Device) -> None:
     grid = made(device)
     vertices = grid.mesh.vertices
     for scale in (2.0, 0.5):
         grid.update((vertices * scale).astype(vertices.dtype))
-    grid.release()
     del grid
     gc.collect()
     addresses = waiting(device)

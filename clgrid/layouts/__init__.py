@@ -124,7 +124,7 @@ def _predict_nested(work: Work, layout: str, density: float) -> dict[str, int]:
 def _predict(work: Work, layout: str) -> dict[str, int]:
     allocator, counted = work.allocator, count(work)
     if layout in ("compact", "linked-list"):
-        allocator.release(counted.ranges, counted.counts, counted.starts)
+        allocator.release(*counted.buffers)
         return compact.nbytes(work) if layout == "compact" else linked_list.nbytes(work)
     binned = sort_by_slab(work, counted)
     if layout == "hashed":

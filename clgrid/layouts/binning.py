@@ -2,7 +2,8 @@
 
 ``count_references``  A *chunk* of triangles is one work-item. It turns each triangle's padded box
                       into a range of cells, and counts references per *slab*: 2^slab_shift
-                      consecutive cells, small enough that a slab's counters stay in the L2 cache.
+                      consecutive cells, small enough that a slab's counters stay in the L2 cache. Of
+                      large triangles it keeps which cells they touch.
 ``scan_slabs``        Prefix sum over (slab, chunk): where each chunk writes into each slab.
 ``bin_references``    The chunks write their references to the slabs: the cell within the slab and the
                       triangle within the chunk, 16 bits each. Within a slab, chunks follow one another, so
@@ -34,6 +35,8 @@ _SMALLEST_CHUNK = 4096
 _LARGEST_CHUNK = 65536  # a triangle within its chunk is 16 bits
 _USUAL_CHUNKS = 64
 _VECTOR = 8
+# Runs of cells of large triangles that are kept, so that these are not clipped twice: 4 MB, enough for rooms.
+_MOST_RUNS = 1 << 19
 
 
 class Work:
@@ -111,13 +114,22 @@ class Work:
 
 @dataclass(frozen=True)
 class Counted:
-    """After counting: cell ranges by triangle, references by chunk and slab, and room for where they go."""
+    """After counting: cell ranges by triangle, references by chunk and slab, and room for where they go.
+
+    ``kept`` are the runs of cells of large triangles, and how many a chunk has room for.
+    """
 
     chunks: int
     shape: tuple[np.uint32, np.uint32, np.uint32]
     ranges: Any
     counts: Any
     starts: Any
+    kept: tuple[np.uint32, Any]
+
+    @property
+    def buffers(self) -> tuple[Any, ...]:
+        """All of them."""
+        return self.ranges, self.counts, self.starts, self.kept[1]
 
 
 @dataclass(frozen=True)
@@ -152,7 +164,7 @@ def count(work: Work) -> Counted:
     with work.stage("count"):
         counted, total = _count(work)
         if total > MOST_REFERENCES and not work.wide:
-            work.allocator.release(counted.ranges, counted.counts, counted.starts)
+            work.allocator.release(*counted.buffers)
             work.allocator.check(4 * total, f"{work.name} and {total:,} references")
             work.wide = True
             counted, total = _count(work)
@@ -170,6 +182,8 @@ def _count(work: Work) -> tuple[Counted, int]:
     counts = allocator.buffer(work.index_bytes * chunks * work.slabs)
     starts = allocator.buffer(work.index_bytes * chunks * work.slabs)
     totals = allocator.buffer(8 * chunks)
+    room = min(chunk_size, work.triangles, _MOST_RUNS // chunks)
+    kept = (np.uint32(room), allocator.buffer(8 * chunks * room))
     most = np.uint64(2**63 if work.wide else MOST_REFERENCES)
     work.run(
         "count_references",
@@ -182,11 +196,12 @@ def _count(work: Work) -> tuple[Counted, int]:
         ranges,
         counts,
         starts,
+        *kept,
         totals,
     )
     total = int(allocator.download(totals, np.uint64, chunks).sum())
     allocator.release(totals)
-    return Counted(chunks, shape, ranges, counts, starts), total
+    return Counted(chunks, shape, ranges, counts, starts, kept), total
 
 
 def sort_by_slab(work: Work, counted: Counted) -> Binned:
@@ -207,7 +222,7 @@ def sort_by_slab(work: Work, counted: Counted) -> Binned:
         entries = allocator.buffer(4 * work.reference_count)
         work.run(
             "bin_references", counted.chunks, work.params, work.vertices, work.faces, *counted.shape,
-            counted.ranges, counted.starts, counted.counts, entries,
+            counted.ranges, counted.starts, counted.counts, *counted.kept, entries,
         )  # fmt: skip
-    allocator.release(counted.ranges, counted.starts)
+    allocator.release(counted.ranges, counted.starts, counted.kept[1])
     return Binned(slab_starts, counted.counts, np.uint32(counted.chunks), counted.shape[0], entries)
