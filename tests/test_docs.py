@@ -120,6 +120,7 @@ def test_the_guide_has_a_page_for_each_task():
         "large_meshes",
         "moving_mesh",
         "shading",
+        "worked_comparison",
     }
 
 
