@@ -122,6 +122,7 @@ def test_the_guide_has_a_page_for_each_task():
         "reports",
         "shading",
         "tradeoff",
+        "worked_comparison",
     }
 
 
