@@ -26,7 +26,7 @@ def take(device: Device, nbytes: int) -> Any:
         waiting = _waiting.get(device, [])
         for number, (size, buffer) in enumerate(waiting):
             if size == nbytes:
-                # Nothing between here and there makes an object: a grid that is collected meanwhile may ``give``.
+                # At once: a grid that is collected meanwhile gives buffers, and numbers change.
                 waiting.pop(number)
                 return buffer
         return None
