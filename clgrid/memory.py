@@ -233,7 +233,7 @@ class Allocator:
         return array
 
     def release(self, *buffers: Any) -> None:
-        """Take buffers back that kernels to come do not use, and keep them for the next that fits."""
+        """Take buffers back that kernels to come do not use: they wait for the next that is asked for."""
         if self.recycles:
             self._spare += buffers
             return

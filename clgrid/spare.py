@@ -13,24 +13,23 @@ from clgrid.device import Device
 MOST_BYTES = 1 << 26
 """That wait on a device; the oldest go first."""
 
-# A buffer may be larger than what is asked for by this share of it, or by a little.
-_LOOSE, _LITTLE = 8, 1 << 14
-
 _lock = threading.RLock()
 _waiting: dict[Device, list[tuple[int, Any]]] = {}
 
 
 def take(device: Device, nbytes: int) -> Any:
-    """The smallest waiting buffer that fits, which no longer waits; or None."""
+    """A waiting buffer of so many bytes, which no longer waits; or None.
+
+    None that is larger: a grid takes the bytes that are said of it.
+    """
     with _lock:
         waiting = _waiting.get(device, [])
-        largest = nbytes + max(nbytes // _LOOSE, _LITTLE)
-        fits = [each for each in waiting if nbytes <= each[0] <= largest]
-        if not fits:
-            return None
-        best = min(fits, key=lambda each: each[0])
-        waiting.remove(best)
-        return best[1]
+        for number, (size, buffer) in enumerate(waiting):
+            if size == nbytes:
+                # At once: a grid that is collected meanwhile gives buffers, and numbers change.
+                waiting.pop(number)
+                return buffer
+        return None
 
 
 def give(device: Device, *buffers: Any) -> None:
