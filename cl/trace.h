@@ -4,6 +4,7 @@
 #ifndef CLG_TRACE_H
 #define CLG_TRACE_H
 #include "grid.h"
+#include "entries.h"
 
 #define STAGE_RAY 1u
 #define STAGE_SHEAR 2u
@@ -193,15 +194,18 @@ void trace_keep(Trace *trace, const Ray *ray, const Projection *projection, MESH
     put_double(trace, hit->id == NO_HIT ? INFINITY : reported_t(ray, &hit->meeting));
 }
 
-// The list of a cell that the ray passes from tick `entered` to `due`, as in test_list. False: as go_on.
+// The list of a cell that the ray passes from tick `entered` to `due`, tested by itself. False: as go_on.
 bool trace_list(Trace *trace, const Ray *ray, const Projection *projection, List list, long entered, long due,
                 GRID_PARAMETERS, MESH_PARAMETERS, Walk *walk, Hit *hit)
 {
     set_cell(walk, entered, due, hit);
     while (list.count != 0) {
-        uint ids[8];
+        uint ids[8], count = 0;
         int lanes[8];
-        const uint count = take_ids(&list, LIST_ARGUMENTS, ids);
+        while (count < 8 && list.count != 0)
+            ids[count++] = take_id(&list, LIST_ARGUMENTS);
+        for (uint i = count; i < 8; ++i)
+            ids[i] = ids[count - 1];
         const Corners8 corners = gather_corners(vertices, faces, ids, count);
         vstore8(candidates_of(projection, &corners), 0, lanes);
         for (uint i = 0; i < count; ++i) {

@@ -70,25 +70,26 @@ bool trace_walk(Trace *trace, const Ray *ray, const Projection *projection, GRID
 }
 #endif
 
-// As begin_walk, then the walk. False: all triangles are to be tested.
-bool trace_grid(Trace *trace, const Ray *ray, const Projection *projection, GRID_PARAMETERS, MESH_PARAMETERS,
-                Hit *hit)
+// As cast_alone, of the tile's first ray. False: all triangles are to be tested.
+bool trace_grid(Trace *trace, const Tile *tile, const Ray *ray, const Projection *projection, GRID_PARAMETERS,
+                MESH_PARAMETERS, Hit *hit)
 {
-    Walk walk;
-    const double first = first_t(ray), last = last_t(ray);
-    const bool enters = enter_grid(ray, grid, first, last, &walk);
+    Entries entries;
+    entries.first = TILE_RAYS;
+    const bool enter = enters(tile, 0, grid, &entries);
     begin_record(trace, STAGE_BOUNDS, 3, 0);
-    put_double(trace, first);
-    put_double(trace, last);
-    put(trace, enters);
-    if (!enters)
+    put_double(trace, first_t(tile, 0).x);
+    put_double(trace, last_t(tile, 0).x);
+    put(trace, enter);
+    if (!enter)
         return true;
+    Walk walk = walk_of(&entries, 0);
     trace_entry(trace, &walk);
     return trace_walk(trace, ray, projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &walk, hit);
 }
 
 // As traverse.
-Hit trace_traverse(Trace *trace, const Ray *ray, GRID_PARAMETERS, MESH_PARAMETERS)
+Hit trace_traverse(Trace *trace, const Tile *tile, const Ray *ray, GRID_PARAMETERS, MESH_PARAMETERS)
 {
     Hit hit = no_hit();
     if (!ray->reaches)
@@ -97,16 +98,29 @@ Hit trace_traverse(Trace *trace, const Ray *ray, GRID_PARAMETERS, MESH_PARAMETER
     trace_projection(trace, &projection);
 #ifdef RUNG_EXACT
     if (ray->astray
-        || !trace_grid(trace, ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit)) {
+        || !trace_grid(trace, tile, ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit)) {
         test_all(ray, &projection, grid, MESH_ARGUMENTS, &hit);
         begin_record(trace, STAGE_ALL, 1, 0);
         put(trace, hit.id);
     }
 #else
-    trace_grid(trace, ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
+    trace_grid(trace, tile, ray, &projection, GRID_ARGUMENTS, MESH_ARGUMENTS, &hit);
 #endif
     describe_hit(ray, &projection, MESH_ARGUMENTS, &hit);
     return hit;
+}
+
+// Rays are set up four at a time.
+void set_ray_four_times(Tile *tile, __constant const FrameParams *frame, RAY_PARAMETERS)
+{
+    double o[3][4], d[3][4], t_min[4], t_max[4];
+    for (int a = 0; a < 3; ++a) {
+        vstore4((double4)(origins[a]), 0, o[a]);
+        vstore4((double4)(directions[a]), 0, d[a]);
+    }
+    vstore4((double4)(T_BOUNDS(0)[0]), 0, t_min);
+    vstore4((double4)(T_BOUNDS(0)[1]), 0, t_max);
+    set_rays(tile, 0, o, d, t_min, t_max, frame);
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -117,9 +131,12 @@ __kernel void trace_ray(__constant const FrameParams *frame, GRID_PARAMETERS, ME
     trace.words = words;
     trace.room = room;
     trace.used = 0;
-    const Ray ray = load_ray(0, frame, RAY_ARGUMENTS);
+    Tile tile;
+    start_tile(&tile, frame, grid);
+    set_ray_four_times(&tile, frame, RAY_ARGUMENTS);
+    const Ray ray = ray_of(&tile, 0);
     trace_ray_itself(&trace, &ray);
-    const Hit hit = trace_traverse(&trace, &ray, GRID_ARGUMENTS, MESH_ARGUMENTS);
+    const Hit hit = trace_traverse(&trace, &tile, &ray, GRID_ARGUMENTS, MESH_ARGUMENTS);
     const bool missed = hit.id == NO_HIT;
     begin_record(&trace, STAGE_HIT, 5, 0);
     put(&trace, hit.id);
