@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ TIMEOUT_SECONDS = 120.0
 # Files that a link needs; their dates are part of the key under which a success is remembered.
 _LINK_INPUTS = ("lib*/crti.o", "lib*/*/crti.o", "lib*/libc.so", "lib*/*/libc.so", "lib*/gcc/*/*/libgcc.a")
 _INTEL = "pip install intel-opencl-rt intel-cmplr-lib-rt"
+# What LLVM adds to the reason for which it gives up: a plea for a report, and the stack.
+_CRASH_REPORT = re.compile(r"PLEASE submit a bug report|Stack dump|#\d+ |\d+\.\t|\S+\(\S*\+0x[0-9a-f]+\)")
 _SOURCE = """
 kernel void clgrid_probe(global float *values, int n) {
     int g = get_global_id(0);
@@ -122,8 +125,17 @@ def run_child(
 
 def last_words(output: str, returncode: int) -> str:
     """What a child that failed said last, or how it was killed."""
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    return lines[-1][:300] if lines and returncode > 0 else ending(returncode)
+    said = telling_line(output.splitlines())
+    return said[:300] if said and returncode > 0 else ending(returncode)
+
+
+def telling_line(lines: Iterable[str]) -> str:
+    """The last line that says something, or nothing.
+
+    LLVM, where it catches a signal, asks for a bug report and lists the stack after the line that says why.
+    """
+    said = [line.strip() for line in lines if line.strip()]
+    return next((line for line in reversed(said) if not _CRASH_REPORT.match(line)), said[-1] if said else "")
 
 
 def explain(output: str, returncode: int) -> tuple[str, str]:

@@ -311,6 +311,28 @@ def test_the_reason_is_taken_from_what_the_driver_says(
     assert "\n" not in said + cure
 
 
+@pytest.mark.parametrize(
+    ("output", "telling"),
+    [
+        ("LLVM ERROR: planted\n", "LLVM ERROR: planted"),
+        (
+            "LLVM ERROR: planted\nPLEASE submit a bug report to https://example.org/ and include the crash"
+            " backtrace.\nStack dump:\n0.\tRunning pass 'X86'\n #0 0x00007f3a llvm::sys::PrintStackTrace()\n"
+            "/usr/lib/libLLVM.so.15(+0xe3fd30)[0x7f3a]\n\n",
+            "LLVM ERROR: planted",
+        ),
+        (
+            "PLEASE submit a bug report to https://example.org/\n",
+            "PLEASE submit a bug report to https://example.org/",
+        ),
+        ("Killed: 9 of 10 kernels\n", "Killed: 9 of 10 kernels"),
+        (" \n", ""),
+    ],
+)
+def test_the_last_words_of_a_crash_are_its_reason(output: str, telling: str) -> None:
+    assert probe.telling_line(output.splitlines()) == telling
+
+
 class FakeDevice:
     """A driver's device struct in this process's memory, as the PoCL of PyPI lays it out."""
 

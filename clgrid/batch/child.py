@@ -15,10 +15,11 @@ from collections.abc import Sequence
 import msgspec
 
 from clgrid.batch import messages
+from clgrid.probe import telling_line
 
 MODULE = "clgrid.batch.worker"
-# Lines of a dead child's stderr that are kept.
-_LAST_LINES = 20
+# Lines of a dead child's stderr that are kept: a crash report lists the stack after the reason.
+_LAST_LINES = 200
 
 
 class Child:
@@ -92,9 +93,9 @@ class Child:
             self.kill()
 
     def last_words(self) -> str:
-        """The last line that a dead child wrote, or nothing."""
+        """The last line that a dead child wrote and that says something, or nothing."""
         self._complaints.join(1.0)
-        return next((line for line in reversed(self._last_lines) if line), "")
+        return telling_line(self._last_lines)
 
     def _listen(self) -> None:
         stdout = self._process.stdout

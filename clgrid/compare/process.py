@@ -30,7 +30,7 @@ from clgrid.compare_record import (
     RungFailure,
     SpeedRecord,
 )
-from clgrid.probe import child_command
+from clgrid.probe import child_command, telling_line
 from clgrid.record import DeviceRecord
 
 Command = Callable[[str, Path], list[str]]
@@ -167,9 +167,8 @@ def _ending(code: int | None, seen: Seen, last_words: str, time_limit: float) ->
 
 
 def _last_line(file: Path) -> str:
-    """The last line of a file that is not empty, or nothing."""
-    lines = file.read_bytes()[-_LAST_BYTES:].decode(errors="replace").split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+    """The last line of a file that says something, or nothing."""
+    return telling_line(file.read_bytes()[-_LAST_BYTES:].decode(errors="replace").split("\n"))
 
 
 def _record(
