@@ -25,10 +25,11 @@ from clgrid.prediction import predict as predict
 from clgrid.prediction import predict_choice as predict_choice
 from clgrid.recipe import Options, Recipe
 from clgrid.rungs import RUNGS, Rung
-from clgrid.shown import Facts, Shown, below_picture, bytes_text, counted
+from clgrid.shown import Facts, Shown, below_picture, counted
 from clgrid.stats import NO_STATS, GridStats, facts_of, stats_of, sums
 from clgrid.target import DeviceMesh, MeshPart
 from clgrid.under_way import UnderWay
+from clgrid.units import bytes_text
 
 # Pixels of the picture in a notebook.
 _THUMBNAIL = (240, 180)

@@ -11,6 +11,7 @@ from clgrid.cost import DEFAULT_RAYS, Choice
 from clgrid.device import Device
 from clgrid.features import features
 from clgrid.frame import LocalFrame
+from clgrid.info_record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
 from clgrid.layouts import programs
 from clgrid.layouts.lists import NESTED, list_defines
 from clgrid.layouts.nested import DEFAULT_DENSITY as NESTED_DENSITY
@@ -19,7 +20,6 @@ from clgrid.look import Look
 from clgrid.mesh import Mesh
 from clgrid.prediction import predict_choice
 from clgrid.recipe import kinds
-from clgrid.record import CandidateRecord, ConstantsRecord, ExplainRecord, InfoRecord
 from clgrid.renderer import AOVS, kernel_options
 from clgrid.resolution import DEFAULT_DENSITY, by_density, checked
 from clgrid.scene import Scene, gltf_cameras

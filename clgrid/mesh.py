@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from clgrid.errors import MeshError
 from clgrid.outermost import FloatArray, Outermost, extent, outermost
-from clgrid.shown import Facts, Shown, bytes_text, counted
+from clgrid.shown import Facts, Shown, counted
+from clgrid.units import bytes_text
 
 if TYPE_CHECKING:
     import trimesh

@@ -37,15 +37,6 @@ def below_picture(png: bytes, table: str) -> str:
     return f"<div><img alt='' src='data:image/png;base64,{b64encode(png).decode()}'/>{table}</div>"
 
 
-def bytes_text(nbytes: float) -> str:
-    """``1.2 MB``: three digits or so, decimal units."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if nbytes < 999.5:
-            return f"{nbytes:.3g} {unit}"
-        nbytes /= 1000
-    return f"{nbytes:.3g} TB"
-
-
 def counted(count: int, what: str) -> str:
     """``1 ray``, ``2,000 rays``."""
     return f"{count:,} {what}" + ("" if count == 1 else "s")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from clgrid.layouts.lists import CellLists
-from clgrid.shown import Facts, bytes_text
+from clgrid.shown import Facts
+from clgrid.units import bytes_text
 
 
 @dataclass(frozen=True)

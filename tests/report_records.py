@@ -6,19 +6,17 @@ import msgspec
 import numpy as np
 
 from clgrid.compare_record import (
-    ArithmeticRecord,
     CompareDevice,
     ComparePair,
     CompareRays,
     CompareRecord,
     CompareRow,
     DifferingRay,
-    DriverRecord,
     HeatMap,
     ImageDifferences,
     RayDifferences,
-    SpeedRecord,
 )
+from clgrid.driver_record import ArithmeticRecord, DriverRecord, SpeedRecord
 from clgrid.record import (
     BenchRecord,
     DeviceRecord,

@@ -17,7 +17,8 @@ from clgrid import image as image_module
 from clgrid.cli import main, options, output
 from clgrid.errors import InputError
 from clgrid.image import read_image
-from clgrid.record import BenchRecord, InfoRecord, RenderRecord, decode
+from clgrid.info_record import InfoRecord
+from clgrid.record import BenchRecord, RenderRecord, decode
 
 ROOT = Path(__file__).parent.parent
 HEAVY = ("numpy", "pyopencl", "trimesh", "OpenImageIO", "msgspec", "clgrid.device")

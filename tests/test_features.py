@@ -11,7 +11,8 @@ from scenes import scene as shared_scene
 from clgrid.cli import main
 from clgrid.features import features, look_bytes
 from clgrid.info import info
-from clgrid.record import InfoRecord, decode, encode
+from clgrid.info_record import InfoRecord
+from clgrid.record import decode, encode
 from clgrid.scene import load_scene
 
 pytestmark = pytest.mark.host

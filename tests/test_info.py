@@ -11,11 +11,12 @@ from shaded import quad, scene_of
 from clgrid.frame import LocalFrame
 from clgrid.grid import build
 from clgrid.info import degenerate_count, explain, info, shaded_variants, variants
+from clgrid.info_record import InfoRecord
 from clgrid.look import Material, Shading, Texture, TextureUse
 from clgrid.mesh import Mesh
 from clgrid.procedural import cube, icosphere
 from clgrid.program import builds
-from clgrid.record import InfoRecord, decode, encode
+from clgrid.record import decode, encode
 from clgrid.renderer import PLAIN_AOVS as AOVS
 from clgrid.renderer import render
 from clgrid.scene import Scene, load_scene

@@ -17,7 +17,8 @@ from clgrid.grid import build
 from clgrid.image import to_srgb8
 from clgrid.mesh import Mesh
 from clgrid.renderer import render
-from clgrid.shown import Shown, bytes_text, shape_text
+from clgrid.shown import Shown, shape_text
+from clgrid.units import bytes_text
 
 pytestmark = pytest.mark.host
 

@@ -8,8 +8,9 @@ import pytest
 
 from clgrid.tradeoff.intervals import rate_most
 from clgrid.tradeoff.plan import Wish
-from clgrid.tradeoff.words import nearest, seconds, sentence
+from clgrid.tradeoff.words import nearest, sentence
 from clgrid.tradeoff_record import PictureErrors, ReferenceCheck, Spread, TradeoffRow
+from clgrid.units import seconds
 
 pytestmark = pytest.mark.host
 

@@ -15,6 +15,7 @@ from clgrid.batch.summary import record_of, stages
 from clgrid.errors import ClgridError, ImageError
 from clgrid.image import Image, read_image, to_srgb8
 from clgrid.imagefile import Saving, write_parts
+from clgrid.units import seconds
 
 # Pixels of a thumbnail's longer side: screens have two or more to one of CSS.
 _SIDE = 320
@@ -75,8 +76,8 @@ def _head(outcome: Outcome) -> str:
     record = record_of(outcome)
     counts = {"drawn": record.done, "already there": record.skipped, "failed": record.failed}
     facts = [(name, str(count)) for name, count in {**counts, "not begun": record.missing}.items()]
-    facts += [("time", _seconds(record.seconds))]
-    facts += [(f"{name}, median", _seconds(middle)) for name, _, middle in stages(outcome.records)]
+    facts += [("time", seconds(record.seconds))]
+    facts += [(f"{name}, median", seconds(middle)) for name, _, middle in stages(outcome.records)]
     device = "" if record.device is None else f"{record.device.name}, driver {record.device.driver}"
     cells = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in facts)
     return (
@@ -95,7 +96,7 @@ def _figure(record: ItemRecord, scratch: Path) -> str:
     kind = "failed" if record.status == FAILED else "drawn"
     picture, said = _picture(record, scratch)
     times = ", ".join(
-        f"{name} {_seconds(sum(getattr(record, f'{name}_s')))}"
+        f"{name} {seconds(sum(getattr(record, f'{name}_s')))}"
         for name in ("build", "render", "write")
         if getattr(record, f"{name}_s")
     )
@@ -136,7 +137,3 @@ def _thumbnail(image: Image, linear: bool, scratch: Path) -> bytes:
         return scratch.read_bytes()
     finally:
         scratch.unlink(missing_ok=True)
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.3g} s" if value >= 1 else f"{1e3 * value:.3g} ms"

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from clgrid import units
 from clgrid.cli import output
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def line_of(record: ItemRecord) -> str:
     if record.error:
         return f"{what}: failed: {record.error}"
     taken = [
-        f"{name} {output.seconds(sum(getattr(record, f'{name}_s')))}"
+        f"{name} {units.seconds(sum(getattr(record, f'{name}_s')))}"
         for name in ("compile", "build", "render", "write")
         if sum(getattr(record, f"{name}_s")) > 0
     ]

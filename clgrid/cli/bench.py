@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clgrid import units
 from clgrid.cli import cameras, options, output, report_files
 from clgrid.errors import InputError
 
@@ -163,7 +164,7 @@ class _Show:
         elif not self.quiet and result.rows:
             output.emit_table(table())
             if result.process_peak_bytes is not None:
-                output.emit(f"process memory at most {output.size(result.process_peak_bytes)}\n")
+                output.emit(f"process memory at most {units.bytes_text(result.process_peak_bytes)}\n")
 
     def failures(self, failures: Sequence[Failure]) -> None:
         for failure in failures:
@@ -245,14 +246,14 @@ def _scene_table(result: BenchRecord, device: Device) -> Table:
         table.add_row(
             row.scene,
             f"{row.triangles:,}",
-            output.seconds(median(row.load_s)),
-            output.seconds(sum(row.first_compile_s)),
-            output.seconds(median(row.build_s)),
+            units.seconds(median(row.load_s)),
+            units.seconds(sum(row.first_compile_s)),
+            units.seconds(median(row.build_s)),
             f"{rate(row.triangles, row.build_s):.3g}",
-            output.seconds(median(row.render_s)),
+            units.seconds(median(row.render_s)),
             f"{rate(row.rays, row.render_s):.3g}",
-            output.seconds(median(row.time_to_image_s)),
-            output.size(row.grid_bytes),
+            units.seconds(median(row.time_to_image_s)),
+            units.bytes_text(row.grid_bytes),
             f"{row.bytes_per_triangle:.3g}",
         )
     return table
@@ -269,7 +270,7 @@ def _workload_table(result: WorkloadRecord, device: Device) -> Table:
                 f"{kind.rays:,}",
                 f"{kind.hits:,}",
                 f"{kind.steps_per_ray:.1f}",
-                output.seconds(median(kind.cast_s)),
+                units.seconds(median(kind.cast_s)),
                 f"{kind.mrays_per_s:.3g}",
             )
         table.add_row(
@@ -278,10 +279,10 @@ def _workload_table(result: WorkloadRecord, device: Device) -> Table:
             f"{row.rays:,}",
             f"{row.hits:,}",
             f"{row.steps_per_ray:.1f}",
-            output.seconds(median(row.cast_s)),
+            units.seconds(median(row.cast_s)),
             f"{row.mrays_per_s:.3g}",
-            output.size(row.grid_bytes),
-            output.size(row.peak_bytes),
+            units.bytes_text(row.grid_bytes),
+            units.bytes_text(row.peak_bytes),
             f"{row.differing} of {row.checked:,}" if row.checked else "not checked",
             end_section=True,
         )
@@ -294,22 +295,22 @@ def _frame_table(result: FramesRecord, device: Device) -> Table:
     for row in result.rows:
         table.add_row(
             str(row.frame),
-            output.seconds(median(row.build_s)),
-            output.seconds(median(row.render_s)),
-            output.seconds(median(row.time_to_image_s)),
+            units.seconds(median(row.build_s)),
+            units.seconds(median(row.render_s)),
+            units.seconds(median(row.time_to_image_s)),
             f"{row.references:,}",
-            output.size(row.grid_bytes),
+            units.bytes_text(row.grid_bytes),
             f"{row.hits:,}",
             end_section=row is result.rows[-1],
         )
     seen = result.medians
     table.add_row(
         "median of all",
-        output.seconds(seen.build_s),
-        output.seconds(seen.render_s),
-        output.seconds(seen.time_to_image_s),
+        units.seconds(seen.build_s),
+        units.seconds(seen.render_s),
+        units.seconds(seen.time_to_image_s),
         f"{median(row.references for row in result.rows):,.0f}",
-        output.size(median(row.grid_bytes for row in result.rows)),
+        units.bytes_text(median(row.grid_bytes for row in result.rows)),
         f"{median(row.hits for row in result.rows):,.0f}",
     )
     return table

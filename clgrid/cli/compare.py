@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clgrid import units
 from clgrid.cli import cameras, options, output, report_files
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from clgrid.compare_record import ArithmeticRecord, CompareDevice, ComparePair, CompareRecord, CompareRow
+    from clgrid.compare_record import CompareDevice, ComparePair, CompareRecord, CompareRow
+    from clgrid.driver_record import ArithmeticRecord
 
 RAYS, RUN = "Rays", "Run"
 
@@ -212,7 +214,9 @@ def _units(device: CompareDevice) -> str:
 def _memory(device: CompareDevice) -> str:
     if device.driver is None:
         return "-"
-    return f"{output.size(device.driver.global_memory)}, {output.size(device.driver.max_allocation)}"
+    return (
+        f"{units.bytes_text(device.driver.global_memory)}, {units.bytes_text(device.driver.max_allocation)}"
+    )
 
 
 def _widths(device: CompareDevice) -> str:
@@ -265,7 +269,7 @@ def _denormals(device: CompareDevice) -> str:
 
 def _launch(device: CompareDevice) -> str:
     speed = device.speed
-    return "-" if speed is None else output.seconds(median(speed.launch_s) / speed.launches)
+    return "-" if speed is None else units.seconds(median(speed.launch_s) / speed.launches)
 
 
 def _bandwidth(device: CompareDevice) -> str:
@@ -277,7 +281,7 @@ def _bandwidth(device: CompareDevice) -> str:
 
 
 def _peak(device: CompareDevice) -> str:
-    return "-" if device.process_peak_bytes is None else output.size(device.process_peak_bytes)
+    return "-" if device.process_peak_bytes is None else units.bytes_text(device.process_peak_bytes)
 
 
 _OF_DEVICES = (
@@ -293,7 +297,7 @@ _OF_DEVICES = (
     ("a launch", _launch),
     ("GB/s: copy, upload, download", _bandwidth),
     ("process memory at most", _peak),
-    ("in all", lambda device: output.seconds(device.seconds[0])),
+    ("in all", lambda device: units.seconds(device.seconds[0])),
 )
 
 
@@ -312,12 +316,12 @@ def _scene_table(result: CompareRecord, scene: str) -> Table:
             table.add_row(
                 "" if number else accuracy,
                 each.label,
-                output.seconds(sum(row.first_compile_s)),
-                output.seconds(median(row.build_s)),
-                output.seconds(median(row.render_s)),
+                units.seconds(sum(row.first_compile_s)),
+                units.seconds(median(row.build_s)),
+                units.seconds(median(row.render_s)),
                 *(rates.get(kind, "-") for kind in kinds),
-                output.size(row.grid_bytes),
-                output.size(row.peak_bytes),
+                units.bytes_text(row.grid_bytes),
+                units.bytes_text(row.peak_bytes),
                 end_section=number == len(own) - 1,
             )
     return table

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clgrid import units
 from clgrid.cli import options, output
 from clgrid.errors import InputError
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from clgrid.features_record import FeaturesRecord
-    from clgrid.record import ExplainRecord, InfoRecord
+    from clgrid.info_record import ExplainRecord, InfoRecord
 
 _DEFAULT_LAYOUT = "compact"
 
@@ -87,7 +88,7 @@ def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
         ("vertices", f"{found.vertices:,} {found.vertex_dtype}{', normals' * found.vertex_normals}"),
         ("geometries", _listed(found.geometries)),
         ("cameras", _listed(found.cameras) if found.cameras else "none"),
-        ("mesh", output.size(found.mesh_bytes)),
+        ("mesh", units.bytes_text(found.mesh_bytes)),
         *([] if found.features is None else _features(found.features)),
     ]
     if found.bounds is not None and found.resolution is not None:
@@ -106,7 +107,7 @@ def _lines(found: InfoRecord, *, auto: bool) -> list[tuple[str, str]]:
 
 def _features(found: FeaturesRecord) -> list[tuple[str, str]]:
     """What the file holds beside triangles, with the bytes of each; nothing of what there is none of."""
-    size = output.size
+    size = units.bytes_text
     kinds = {"double-sided": found.double_sided, "masked": found.masked, "emissive": found.emissive}
     told = "".join(f", {count} {kind}" for kind, count in kinds.items() if count)
     ids = found.nbytes.get("material_ids")
@@ -134,7 +135,7 @@ def _grid(found: InfoRecord, *, auto: bool) -> str:
     at = f"{cells} = {found.cells:,} cells at density {found.density:g}"
     if found.explained is None:
         open_choice = ", the paper's; auto depends on the device, see --explain" if auto else ""
-        return f"{at}{open_choice}: {output.size(found.cell_bytes)}, and 4 bytes a reference"
+        return f"{at}{open_choice}: {units.bytes_text(found.cell_bytes)}, and 4 bytes a reference"
     arrays = ", ".join(f"{name} {count:,}" for name, count in found.explained.nbytes.items())
     skipping = ", skipping" * found.explained.skipping
     return (
@@ -143,14 +144,14 @@ def _grid(found: InfoRecord, *, auto: bool) -> str:
 
 
 def _reasons(explained: ExplainRecord) -> list[tuple[str, str]]:
-    bound = "" if explained.max_memory is None else f", of at most {output.size(explained.max_memory)}"
+    bound = "" if explained.max_memory is None else f", of at most {units.bytes_text(explained.max_memory)}"
     lines = [("device", f"{explained.device.name}, driver {explained.device.driver}")]
     if not explained.candidates:
         return [*lines, ("chosen", "nothing: the options leave one grid")]
     lines.append(("chosen", f"for {explained.rays:,} rays: the least build + cast{bound}"))
     for one in explained.constants:
         seconds = ", ".join(
-            f"{output.seconds(value)} fixed"
+            f"{units.seconds(value)} fixed"
             if name == "fixed"
             else f"{1e9 * value:.3g} ns a {name.replace('_', ' ')}"
             for name, value in {**one.build, **one.cast}.items()
@@ -175,10 +176,10 @@ def _table(explained: ExplainRecord) -> Table:
             f"{one.density:g}",
             f"{one.cells:,}",
             f"{one.references:,}",
-            output.size(one.nbytes),
-            output.seconds(one.build_s),
-            output.seconds(one.cast_s),
-            output.seconds(one.build_s + one.cast_s),
+            units.bytes_text(one.nbytes),
+            units.seconds(one.build_s),
+            units.seconds(one.cast_s),
+            units.seconds(one.build_s + one.cast_s),
             "chosen" if one.chosen else "" if one.fits else "too large",
             style="bold" if one.chosen else None,
         )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from clgrid import units
 from clgrid.cli import cameras, options, output, picture_options, report_files
 from clgrid.errors import InputError
 
@@ -311,10 +312,10 @@ def _cells(result: TradeoffRecord, row: TradeoffRow) -> list[str]:
     answers = next(each for each in row.errors if each.kind == "structured")
     return [
         named(row),
-        output.seconds(_evened(result, row, row.build_s)),
-        output.seconds(_evened(result, row, row.render_s)),
-        f"{output.seconds(row.cost_s.median)} ({_interval(row)})",
-        output.size(row.grid_bytes),
+        units.seconds(_evened(result, row, row.build_s)),
+        units.seconds(_evened(result, row, row.render_s)),
+        f"{units.seconds(row.cost_s.median)} ({_interval(row)})",
+        units.bytes_text(row.grid_bytes),
         f"{row.picture.other_triangles:,}",
         "same" if row.picture.psnr is None else f"{row.picture.psnr:.0f} dB",
         f"{answers.missed:,}",

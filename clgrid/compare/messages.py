@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from clgrid.compare_record import ArithmeticRecord, CompareRow, DriverRecord, RungFailure, SpeedRecord
+from clgrid.compare_record import CompareRow, RungFailure
+from clgrid.driver_record import ArithmeticRecord, DriverRecord, SpeedRecord
 from clgrid.record import DeviceRecord
 
 Three = tuple[float, float, float]

@@ -23,13 +23,11 @@ from clgrid.compare_record import (
     HUNG,
     OUT_OF_MEMORY,
     REFUSED,
-    ArithmeticRecord,
     CompareDevice,
     CompareRow,
-    DriverRecord,
     RungFailure,
-    SpeedRecord,
 )
+from clgrid.driver_record import ArithmeticRecord, DriverRecord, SpeedRecord
 from clgrid.probe import child_command, telling_line
 from clgrid.record import DeviceRecord
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clgrid.compare_record import ArithmeticRecord, DriverRecord, SpeedRecord
 from clgrid.device import Device
+from clgrid.driver_record import ArithmeticRecord, DriverRecord, SpeedRecord
 from clgrid.memory import Allocator, largest_buffer
 from clgrid.program import kernel
 

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clgrid.shown import bytes_text
 from clgrid.tradeoff.choose import MARGIN
 from clgrid.tradeoff.intervals import CONFIDENCE
 from clgrid.tradeoff.plan import Point, Wish
 from clgrid.tradeoff_record import ReferenceCheck, TradeoffRow
+from clgrid.units import bytes_text, seconds
 
 _SURE = 0.9
-
-
-def seconds(value: float) -> str:
-    """``1.23 s``, ``45.6 ms``."""
-    return f"{value:.3g} s" if value >= 1 else f"{1e3 * value:.3g} ms"
 
 
 def named(row: TradeoffRow) -> str:
