@@ -230,7 +230,10 @@ def candidates(
     resolutions = _resolutions(seen, asked)
     works = estimates(seen, [cells for _, cells in resolutions])
     grids = [(density, cells, work) for (density, cells), work in zip(resolutions, works, strict=True)]
-    crowds = _crowds(seen, [cells for _, cells in resolutions])
+    crowded = _is_crowded(seen)
+    # The outlook counts what a picture passes, crowds and all.
+    weighed = crowded and seen.outlook is None
+    crowds = [seen.crowd(cells) if weighed else 0.0 for _, cells in resolutions]
     uniform = [
         _candidate(
             asked,
@@ -240,18 +243,17 @@ def candidates(
             skip,
             cells,
             leaping(work) if skip else work,
-            0.0 if seen.outlook else crowd,
+            crowd,
         )
         for layout, skip in asked.kinds
         for (density, cells, work), crowd in zip(grids, crowds, strict=True)
     ]
-    return [*uniform, *_nested(seen, asked, constants)] if asked.nested and crowds[0] else uniform
+    return [*uniform, *_nested(seen, asked, constants)] if asked.nested and crowded else uniform
 
 
-def _crowds(seen: Sample, resolutions: Sequence[tuple[int, int, int]]) -> list[float]:
-    """How many triangles share a cell with one in each grid; 0 for all if the mesh is not crowded."""
-    once = seen.crowd(by_density(seen.bounds[1] - seen.bounds[0], seen.triangles, 1.0))
-    return [seen.crowd(cells) if once > _CROWDED else 0.0 for cells in resolutions]
+def _is_crowded(seen: Sample) -> bool:
+    """Whether so many triangles share a cell with one that a nested grid comes into question."""
+    return seen.crowd(by_density(seen.bounds[1] - seen.bounds[0], seen.triangles, 1.0)) > _CROWDED
 
 
 def _nested(

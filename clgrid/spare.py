@@ -15,6 +15,8 @@ MOST_BYTES = 1 << 26
 
 _lock = threading.RLock()
 _waiting: dict[Device, list[tuple[int, Any]]] = {}
+# Bytes of them all.
+_held: dict[Device, int] = {}
 
 
 def take(device: Device, nbytes: int) -> Any:
@@ -28,6 +30,7 @@ def take(device: Device, nbytes: int) -> Any:
             if size == nbytes:
                 # At once: a grid that is collected meanwhile gives buffers, and numbers change.
                 waiting.pop(number)
+                _held[device] -= nbytes
                 return buffer
         return None
 
@@ -41,12 +44,15 @@ def give(device: Device, *buffers: Any) -> None:
         return
     with _lock:
         waiting = _waiting.setdefault(device, [])
-        waiting += [(size, each) for each in buffers if (size := each.size) <= MOST_BYTES]
-        while sum(size for size, _ in waiting) > MOST_BYTES:
-            waiting.pop(0)
+        given = [(size, each) for each in buffers if (size := each.size) <= MOST_BYTES]
+        waiting += given
+        _held[device] = _held.get(device, 0) + sum(size for size, _ in given)
+        while _held[device] > MOST_BYTES:
+            _held[device] -= waiting.pop(0)[0]
 
 
 def forget(device: Device) -> None:
     """Give all that wait back to the device."""
     with _lock:
         _waiting.pop(device, None)
+        _held.pop(device, None)

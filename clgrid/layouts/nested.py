@@ -46,9 +46,9 @@ TOP_DENSITY = 0.0625
 MOST_ALONG_AXIS = 4096
 """Cells of the top grid along an axis: halved FINEST times, they are no more than a float32 can number."""
 
-MOST_TOP_CELLS = 1 << 18
+MOST_TOP_CELLS = 1 << 22
 
-_BLOCK_CELLS, _BLOCK_SUBGRIDS = 2048, 16
+_BLOCK_CELLS, _BLOCK_SUBGRIDS = 2048, 4
 # A cell with fewer triangles gets no subgrid.
 _FEWEST = 6.0
 
