@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from test_batch_run import ROOT, files, planned
 
-from clgrid.batch import child
+from clgrid.batch import spawn
 from clgrid.batch.hand import UNDER_WAY, Hand
 from clgrid.device import Device
 
@@ -27,7 +27,7 @@ TEXT = (
 def _unruly(monkeypatch: pytest.MonkeyPatch) -> None:
     path = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
-    monkeypatch.setattr(child, "MODULE", "unruly_worker")
+    monkeypatch.setattr(spawn, "MODULE", "unruly_worker")
 
 
 def test_askers_get_what_became_of_their_own_items(tmp_path, device: Device) -> None:

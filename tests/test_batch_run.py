@@ -16,7 +16,7 @@ import pytest
 from scenes import shared_file
 from test_hostile_load import ERROR, EXPECTED
 
-from clgrid.batch import child, ledger
+from clgrid.batch import ledger, spawn
 from clgrid.batch.item import ItemRecord
 from clgrid.batch.job import parse_job
 from clgrid.batch.keys import KEY
@@ -128,7 +128,7 @@ def test_frames_are_those_of_a_grid_built_anew_in_any_order_and_shard(tmp_path, 
 
 
 def test_a_crash_a_hang_and_a_failure_cost_their_items_alone(tmp_path, device, monkeypatch):
-    monkeypatch.setattr(child, "MODULE", "unruly_worker")
+    monkeypatch.setattr(spawn, "MODULE", "unruly_worker")
     names = ("fine", "crash", "noise", "crash-once", "hang", "fail-once", "last")
     views = ", ".join(f'{{ name = "{name}", eye = [{3 + k}, 1, 2] }}' for k, name in enumerate(names))
     text = (

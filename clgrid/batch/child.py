@@ -6,8 +6,8 @@ import contextlib
 import os
 import queue
 import signal
+import socket
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from collections.abc import Sequence
 import msgspec
 
 from clgrid.batch import messages
+from clgrid.batch.spawn import Spawned, spawn
 from clgrid.probe import telling_line
 
-MODULE = "clgrid.batch.worker"
 # Lines of a dead child's stderr that are kept: a crash report lists the stack after the reason.
 _LAST_LINES = 200
 
@@ -29,33 +29,19 @@ class Child:
     ----------
     device : str or None
         For items that name none.
-    held : sequence of int
-        File descriptors that it holds open as long as it lives: the lock on the records.
     cores : sequence of int, optional
         Cores that it may use.
+    spawned : Spawned, optional
+        The process, where it has been started already.
     """
 
     def __init__(
-        self, device: str | None, held: Sequence[int] = (), cores: Sequence[int] | None = None
+        self, device: str | None, cores: Sequence[int] | None = None, spawned: Spawned | None = None
     ) -> None:
         self._events: queue.SimpleQueue[messages.Event] = queue.SimpleQueue()
         self._last_lines: deque[str] = deque(maxlen=_LAST_LINES)
-        command = [sys.executable, "-m", MODULE]
-        environment = dict(os.environ)
-        if cores:
-            # Before a driver counts them.
-            start = f"import os, runpy; os.sched_setaffinity(0, {list(cores)!r}); "
-            command[1:] = ["-c", start + f"runpy.run_module({MODULE!r}, run_name='__main__')"]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-            pass_fds=tuple(held) if os.name == "posix" else (),
-            # The terminal's ^C is for the parent.
-            start_new_session=True,
-        )
+        self._spawned = spawned or spawn(cores)
+        self._process = self._spawned.process
         self._complaints = threading.Thread(target=self._keep_last_lines, daemon=True)
         self._complaints.start()
         threading.Thread(target=self._listen, daemon=True).start()
@@ -69,6 +55,13 @@ class Child:
                 stdin.write(messages.encode(order) + b"\n")
                 stdin.flush()
 
+    def hold(self, descriptor: int) -> None:
+        """Have it hold a file open as long as it lives: the lock on the records."""
+        if os.name == "posix":
+            with contextlib.suppress(BrokenPipeError):
+                socket.send_fds(self._spawned.descriptors, [b"."], [descriptor])
+            self.tell(messages.Hold())
+
     def event(self, timeout: float) -> messages.Event | None:
         """The next event; None if there is none in time."""
         try:
@@ -78,8 +71,7 @@ class Child:
 
     def kill(self) -> None:
         """End it at once."""
-        self._process.kill()
-        self._process.wait()
+        self._spawned.kill()
 
     def close(self) -> None:
         """End it once it has nothing to do."""
@@ -89,6 +81,7 @@ class Child:
                 stdin.close()
         try:
             self._process.wait(10)
+            self._spawned.descriptors.close()
         except subprocess.TimeoutExpired:
             self.kill()
 

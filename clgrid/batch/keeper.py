@@ -18,6 +18,7 @@ import clgrid
 from clgrid.batch import messages
 from clgrid.batch.child import Child, how_it_ended
 from clgrid.batch.item import FAILED, Item, ItemRecord, about
+from clgrid.batch.spawn import Spawned
 from clgrid.errors import DeviceError
 
 DEFAULT_RETRIES = 1
@@ -90,8 +91,8 @@ class Keeper:
     ----------
     device : str or None
         For items that name none.
-    held, cores
-        As of ``Child``.
+    cores, spawned
+        As of ``Child``, the latter for the first child.
     watch : callable
         Told each event as it comes.
     """
@@ -99,16 +100,21 @@ class Keeper:
     def __init__(
         self,
         device: str | None = None,
-        held: Sequence[int] = (),
         cores: Sequence[int] | None = None,
         watch: Callable[[messages.Event], None] = lambda event: None,
+        spawned: Spawned | None = None,
     ) -> None:
-        self._device, self._held, self._cores, self._watch = device, held, cores, watch
+        self._device, self._cores, self._watch, self._spawned = device, cores, watch, spawned
+        self._held: int | None = None
         self._child: Child | None = None
         self._waiting: deque[Try] = deque()
         self._flight: dict[int, Try] = {}
         self.stopping = False
         self.replaced = 0
+
+    def hold(self, descriptor: int) -> None:
+        """Have every child hold a file open as long as it lives: the lock on the records."""
+        self._held = descriptor
 
     def draw(self, items: Iterable[Item]) -> Iterator[ItemRecord]:
         """Draw items; what became of each comes as soon as it is known.
@@ -167,15 +173,23 @@ class Keeper:
 
     def kill(self) -> None:
         """End the child at once."""
+        self._dismiss_spawned()
         if self._child is not None:
             self._child.kill()
             self._child = None
 
     def close(self) -> None:
         """End the child, which has nothing to do."""
+        self._dismiss_spawned()
         if self._child is not None:
             self._child.close()
             self._child = None
+
+    def _dismiss_spawned(self) -> None:
+        """End a process of which nothing was asked."""
+        if self._spawned is not None:
+            self._spawned.kill()
+            self._spawned = None
 
     def _room(self) -> bool:
         if any(each.alone for each in self._flight.values()):
@@ -196,9 +210,11 @@ class Keeper:
     def _started(self) -> Child:
         """A child whose device works; one that dies at its start is replaced a few times."""
         for left in reversed(range(_STARTS)):
-            child = Child(self._device, self._held, self._cores)
+            child, self._spawned = Child(self._device, self._cores, self._spawned), None
             event = child.event(_START_SECONDS)
             if isinstance(event, messages.Ready):
+                if self._held is not None:
+                    child.hold(self._held)
                 return child
             child.kill()
             if isinstance(event, messages.Refused):

@@ -19,6 +19,10 @@ class Draw(msgspec.Struct, tag="draw", frozen=True):
     item: Item
 
 
+class Hold(msgspec.Struct, tag="hold", frozen=True):
+    """To the child, before any item: a file descriptor lies in its socket, to be held as long as it lives."""
+
+
 class Stop(msgspec.Struct, tag="stop", frozen=True):
     """To the child: finish what is begun, then end."""
 
@@ -66,7 +70,7 @@ class Ended(msgspec.Struct, tag="ended", frozen=True):
     code: int
 
 
-Order = Hello | Draw | Stop
+Order = Hello | Hold | Draw | Stop
 Event = Ready | Refused | Turn | Share | Finished | Ended
 
 encode = msgspec.json.Encoder().encode

@@ -23,6 +23,7 @@ from clgrid.batch.keeper import Keeper
 from clgrid.batch.keys import Hashes, has_picture
 from clgrid.batch.ledger import Ledger
 from clgrid.batch.plan import WHOLE_JOB, Plan, Shard
+from clgrid.batch.spawn import Spawned
 from clgrid.imagefile import target_of
 
 
@@ -120,7 +121,13 @@ def ledger_path(plan: Plan, shard: Shard) -> Path:
     return plan.records.with_name(f"{plan.records.stem}.{part}{plan.records.suffix}")
 
 
-def run(plan: Plan, choices: Choices, show: Show, crew: Callable[[Ledger], Crew] | None = None) -> Outcome:
+def run(
+    plan: Plan,
+    choices: Choices,
+    show: Show,
+    crew: Callable[[Ledger], Crew] | None = None,
+    spawned: Spawned | None = None,
+) -> Outcome:
     """Draw what a plan asks for.
 
     Parameters
@@ -131,6 +138,8 @@ def run(plan: Plan, choices: Choices, show: Show, crew: Callable[[Ledger], Crew]
         Told what happens.
     crew : callable, optional
         Makes those who draw; by default one child process of this one.
+    spawned : Spawned, optional
+        That process, where it has been started already; it is ended here.
 
     Raises
     ------
@@ -145,12 +154,18 @@ def run(plan: Plan, choices: Choices, show: Show, crew: Callable[[Ledger], Crew]
     outcome = Outcome(len(items), ledger.path)
     try:
         remove_partials(items)
-        hands = crew(ledger) if crew else Keeper(choices.device, (ledger.descriptor,), watch=show.event)
+        hands = crew(ledger) if crew else _keeper(choices, show, ledger, spawned)
         _draw_all(items, choices, show, ledger, hands, outcome)
     finally:
         ledger.close()
         outcome.seconds = time.monotonic() - begun
     return outcome
+
+
+def _keeper(choices: Choices, show: Show, ledger: Ledger, spawned: Spawned | None) -> Keeper:
+    keeper = Keeper(choices.device, watch=show.event, spawned=spawned)
+    keeper.hold(ledger.descriptor)
+    return keeper
 
 
 def _draw_all(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import queue
 import signal
+import socket
 import sys
 import threading
 import time
@@ -44,10 +45,13 @@ class Worker:
     ----------
     events : BinaryIO
         Where to say what happens.
+    descriptors : socket.socket
+        Whence files come that are to be held open.
     """
 
-    def __init__(self, events: BinaryIO) -> None:
-        self._events = events
+    def __init__(self, events: BinaryIO, descriptors: socket.socket) -> None:
+        self._events, self._socket = events, descriptors
+        self._held: list[int] = []
         self._speaking = threading.Lock()
         self._stopping = threading.Event()
         self._orders: queue.SimpleQueue[tuple[Item, Future[Loaded]] | None] = queue.SimpleQueue()
@@ -80,7 +84,9 @@ class Worker:
     def _listen(self, orders: BinaryIO) -> None:
         while line := orders.readline():
             order = messages.order_of(line)
-            if isinstance(order, messages.Draw):
+            if isinstance(order, messages.Hold):
+                self._held += socket.recv_fds(self._socket, 1, 1)[1]
+            elif isinstance(order, messages.Draw):
                 self._orders.put((order.item, self._reader.submit(self._loader.load, order.item)))
             else:
                 self._stopping.set()
@@ -187,7 +193,7 @@ def main() -> None:
     # Drivers write to stdout; what they say goes where errors go.
     events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    Worker(events).work(sys.stdin.buffer)
+    Worker(events, socket.socket(fileno=int(sys.argv[1]))).work(sys.stdin.buffer)
     events.flush()
     # Drivers may hang in their own tear-down.
     os._exit(0)

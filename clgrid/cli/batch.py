@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clgrid import units
 from clgrid.cli import options, output
 from clgrid.errors import InputError
 
 if TYPE_CHECKING:
     from clgrid.batch.job import Job
     from clgrid.batch.run import Outcome
+    from clgrid.batch.spawn import Spawned
 
 JOB = "Job"
 # Not all pictures are there; 128 and the signal's number where one ended the run.
@@ -97,22 +99,26 @@ def batch(
     quiet: options.Quiet = False,
 ) -> int:
     """Draw all pictures of a job file. Exit code 0 only if all are there, else 4."""
-    from clgrid.batch.job import read_job
+    from clgrid.batch.spawn import spawned_early
 
-    return run_job(
-        read_job(job),
-        job.absolute().parent,
-        shard=shard,
-        skip_existing=skip_existing,
-        keep_going=keep_going,
-        time_limit=time_limit,
-        retries=retries,
-        dask=dask,
-        sheet=sheet,
-        device=device,
-        json=json,
-        quiet=quiet,
-    )
+    with spawned_early(wanted=not dask) as spawned:
+        from clgrid.batch.job import read_job
+
+        return run_job(
+            read_job(job),
+            job.absolute().parent,
+            shard=shard,
+            skip_existing=skip_existing,
+            keep_going=keep_going,
+            time_limit=time_limit,
+            retries=retries,
+            dask=dask,
+            sheet=sheet,
+            device=device,
+            json=json,
+            quiet=quiet,
+            spawned=spawned,
+        )
 
 
 def run_job(
@@ -129,6 +135,7 @@ def run_job(
     device: str | None,
     json: bool,
     quiet: bool,
+    spawned: Spawned | None = None,
 ) -> int:
     """Draw a job and say what became of it; the exit code."""
     import msgspec
@@ -150,7 +157,7 @@ def run_job(
 
             outcome = run_on_cluster(planned, choices, show, dask)
         else:
-            outcome = run(planned, choices, show)
+            outcome = run(planned, choices, show, spawned=spawned)
     if sheet is not None:
         from clgrid.batch.sheet import write_sheet
 
@@ -177,10 +184,10 @@ def _report(outcome: Outcome, *, json: bool, quiet: bool) -> None:
         (name, f"{count:,} of {record.asked:,} items") for name, count in counts if count or name == "drawn"
     ]
     for name, total, middle in stages(outcome.records):
-        told.append((name, f"{output.seconds(total)} in all, {output.seconds(middle)} the median"))
-    told.append(("time", output.seconds(record.seconds)))
+        told.append((name, f"{units.seconds(total)} in all, {units.seconds(middle)} the median"))
+    told.append(("time", units.seconds(record.seconds)))
     written = sum(each.bytes for item in outcome.records for each in item.outputs)
-    told.append(("pictures", output.size(written)))
+    told.append(("pictures", units.bytes_text(written)))
     told.append(("records", record.ledger))
     told += [(f"item {each.item}", each.error) for each in outcome.records if each.error][:_MOST_TOLD]
     output.emit_pairs(told)

@@ -104,16 +104,3 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, float | None], None] | N
             bar.update(task, completed=share or 0.0)
 
         yield show
-
-
-def seconds(value: float) -> str:
-    """Write a duration with three digits: 1.23 s, 45.6 ms."""
-    return f"{value:.3g} s" if value >= 1 else f"{1e3 * value:.3g} ms"
-
-
-def size(count: float) -> str:
-    """Write bytes in decimal units: 21.9 MB."""
-    for limit, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if count >= limit:
-            return f"{count / limit:.3g} {unit}"
-    return f"{count:.0f} B"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from clgrid import units
 from clgrid.cli import batch, cameras, options, output, picture_options, render_many
 from clgrid.errors import InputError
 
@@ -155,20 +156,24 @@ def render(
         settings = {**picture, **grid, **shading, **saving, "crop": window}
         moving = {"frames": frames, "vertices": vertices, "fps": fps, "animation": animation}
         job = render_many.job_of(scenes, outputs, camera or (), place, moving, settings)
-        return batch.run_job(
-            job,
-            Path.cwd(),
-            shard=shard,
-            skip_existing=skip_existing,
-            keep_going=keep_going,
-            time_limit=time_limit,
-            retries=retries,
-            dask="",
-            sheet=None,
-            device=device,
-            json=json,
-            quiet=quiet,
-        )
+        from clgrid.batch.spawn import spawned_early
+
+        with spawned_early(wanted=True) as spawned:
+            return batch.run_job(
+                job,
+                Path.cwd(),
+                shard=shard,
+                skip_existing=skip_existing,
+                keep_going=keep_going,
+                time_limit=time_limit,
+                retries=retries,
+                dask="",
+                sheet=None,
+                device=device,
+                json=json,
+                quiet=quiet,
+                spawned=spawned,
+            )
     name = camera[0] if camera else ""
     extra = {"shading": _shading(shading), "crop": window}
     return _one(
@@ -322,24 +327,24 @@ def _lines(row: Row, grid: Grid, save_s: dict[str, float]) -> list[tuple[str, st
     from clgrid.bench import rate
 
     build_s, render_s = row.build_s[0], row.render_s[0]
-    stages = ", ".join(f"{name} {output.seconds(values[0])}" for name, values in row.build_stages_s.items())
+    stages = ", ".join(f"{name} {units.seconds(values[0])}" for name, values in row.build_stages_s.items())
     return [
         ("scene", f"{row.scene}, {row.triangles:,} triangles"),
         ("device", grid.device.description.line()),
-        ("load", output.seconds(row.load_s[0])),
-        ("first compile", output.seconds(sum(row.first_compile_s))),
-        ("build", f"{output.seconds(build_s)}, {rate(row.triangles, [build_s]):.3g} Mtri/s ({stages})"),
+        ("load", units.seconds(row.load_s[0])),
+        ("first compile", units.seconds(sum(row.first_compile_s))),
+        ("build", f"{units.seconds(build_s)}, {rate(row.triangles, [build_s]):.3g} Mtri/s ({stages})"),
         (
             "render",
-            f"{output.seconds(render_s)}, {rate(row.rays, [render_s]):.3g} Mrays/s"
+            f"{units.seconds(render_s)}, {rate(row.rays, [render_s]):.3g} Mrays/s"
             f" ({row.width}x{row.height}, {row.hits:,} hits)",
         ),
-        ("time to image", output.seconds(row.time_to_image_s[0])),
+        ("time to image", units.seconds(row.time_to_image_s[0])),
         (
             "grid",
-            f"{output.size(row.grid_bytes)}, {row.bytes_per_triangle:.3g} bytes per triangle"
+            f"{units.bytes_text(row.grid_bytes)}, {row.bytes_per_triangle:.3g} bytes per triangle"
             f" ({'x'.join(map(str, row.resolution))} cells, {row.references:,} references,"
-            f" {row.layout}, {row.accuracy}; peak {output.size(row.peak_bytes)})",
+            f" {row.layout}, {row.accuracy}; peak {units.bytes_text(row.peak_bytes)})",
         ),
-        *(("written", f"{path} in {output.seconds(taken)}") for path, taken in save_s.items()),
+        *(("written", f"{path} in {units.seconds(taken)}") for path, taken in save_s.items()),
     ]
