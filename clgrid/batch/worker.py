@@ -6,6 +6,7 @@ process ends at once, for a picture that is being written has no name yet.
 
 from __future__ import annotations
 
+import importlib
 import os
 import queue
 import signal
@@ -75,6 +76,8 @@ class Worker:
             return
         self._say(messages.Ready())
         threading.Thread(target=self._listen, args=(orders,), daemon=True).start()
+        # While kernels are loaded; what is wrong with it is told where the first picture is written.
+        self._writer.submit(importlib.import_module, "OpenImageIO")
         painter = Painter(device)
         while (order := self._orders.get()) is not None:
             if not self._stopping.is_set():
