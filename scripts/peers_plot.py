@@ -58,6 +58,8 @@ def plot(scenes: Sequence[SceneResult], path: Path, title: str) -> bool:
             axes.plot(*zip(*points, strict=True), marker, color=colour, markersize=size, label=label)
     axes.axhline(1.0, color="black", linewidth=1.0)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
     axes.set_ylabel("time to image / Embree's best (below 1: sooner)")
     labels = [f"{scene.name}\n{_plain(scene.triangles)}" for scene in drawn]
     axes.set_xticks(range(len(drawn)), labels, rotation=40, ha="right")
