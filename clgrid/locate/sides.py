@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -99,22 +98,12 @@ def _asked(place: Path, side: Side, timeout: float) -> Seen:
     if side.kernels:
         environment["CLGRID_KERNELS"] = str(_kernels_of(side, place / "cl"))
     command = probe.child_command("clgrid.locate.child", str(place))
-    try:
-        ended = subprocess.run(
-            command,
-            env=environment,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=timeout,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise DeviceError(f"{side.device}: tracing one ray takes more than {timeout:.0f} s") from None
+    ended = probe.run_child(command, timeout, environment)
+    if ended is None:
+        raise DeviceError(f"{side.device}: tracing one ray takes more than {timeout:.0f} s")
     result = place / child.RESULT
     if not result.is_file():
-        said = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
-        last = said[-1][:200] if said else "no message"
+        last = probe.telling_line(ended.stderr.splitlines())[:200] or "no message"
         raise DeviceError(f"{side.device}: tracing one ray failed ({probe.ending(ended.returncode)}): {last}")
     outcome = msgspec.json.decode(result.read_bytes(), type=dict)
     if "error" in outcome:
