@@ -34,16 +34,16 @@ MOST_BYTES = 24
 _WORTH = 0.85
 
 # Seconds of a ray that goes alone, on a device on which a reference costs a tile what it typically does: in
-# any case, a cell looked at, a batch of eight triangles. Fitted to random rays through six scenes
-# (docs/performance.md, "Rays that pay for a finer grid").
-_RAY_S, _BATCH_S = 1.9e-7, 4.5e-8
+# any case, a cell looked at, a batch of eight triangles. Fitted to random rays through six scenes on a device
+# 2.5 times as slow (docs/performance.md, "Rays that pay for a finer grid").
+_RAY_S, _BATCH_S = 7.6e-8, 1.8e-8
 _STEP_S = {
-    ("compact", False): 5e-9,
-    ("compact", True): 5e-9,
-    ("hashed", False): 8e-9,
-    ("hashed", True): 1e-8,
-    ("nested", False): 8e-9,
-    ("nested-hashed", False): 1e-8,
+    ("compact", False): 2e-9,
+    ("compact", True): 2e-9,
+    ("hashed", False): 3.2e-9,
+    ("hashed", True): 4e-9,
+    ("nested", False): 3.2e-9,
+    ("nested-hashed", False): 4e-9,
 }
 # Batches in a nested grid, of those in a uniform one of a cell a triangle: counted 0.39 to 0.78.
 _NESTED_BATCHES = 0.55
