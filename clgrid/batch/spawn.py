@@ -47,13 +47,15 @@ def spawn(cores: Sequence[int] | None = None) -> Spawned:
         command[1:] = ["-c", start + f"runpy.run_module({MODULE!r}, run_name='__main__')"]
     ours, theirs = socket.socketpair()
     with theirs:
+        # Elsewhere a process cannot be sent files, nor are records locked.
+        passed = (theirs.fileno(),) if os.name == "posix" else ()
         process = subprocess.Popen(
-            [*command, str(theirs.fileno())],
+            [*command, *map(str, passed)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=dict(os.environ),
-            pass_fds=(theirs.fileno(),) if os.name == "posix" else (),
+            pass_fds=passed,
             # The terminal's ^C is for the parent.
             start_new_session=True,
         )

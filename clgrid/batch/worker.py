@@ -46,11 +46,11 @@ class Worker:
     ----------
     events : BinaryIO
         Where to say what happens.
-    descriptors : socket.socket
+    descriptors : socket.socket, optional
         Whence files come that are to be held open.
     """
 
-    def __init__(self, events: BinaryIO, descriptors: socket.socket) -> None:
+    def __init__(self, events: BinaryIO, descriptors: socket.socket | None = None) -> None:
         self._events, self._socket = events, descriptors
         self._held: list[int] = []
         self._speaking = threading.Lock()
@@ -88,7 +88,7 @@ class Worker:
         while line := orders.readline():
             order = messages.order_of(line)
             if isinstance(order, messages.Hold):
-                self._held += socket.recv_fds(self._socket, 1, 1)[1]
+                self._held += socket.recv_fds(self._socket, 1, 1)[1] if self._socket is not None else []
             elif isinstance(order, messages.Draw):
                 self._orders.put((order.item, self._reader.submit(self._loader.load, order.item)))
             else:
@@ -196,7 +196,8 @@ def main() -> None:
     # Drivers write to stdout; what they say goes where errors go.
     events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    Worker(events, socket.socket(fileno=int(sys.argv[1]))).work(sys.stdin.buffer)
+    descriptors = socket.socket(fileno=int(sys.argv[1])) if len(sys.argv) > 1 else None
+    Worker(events, descriptors).work(sys.stdin.buffer)
     events.flush()
     # Drivers may hang in their own tear-down.
     os._exit(0)
