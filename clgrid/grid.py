@@ -382,7 +382,7 @@ def build(
         Whether rays that have little in common, once so many are cast that it pays, may have the grid
         rebuilt for them, while ``cast`` or another query runs: the same hits, sooner, from then on. Only
         where layout, density and skipping are all "auto", and never on the rung ``fast``, beyond
-        ``max_memory`` with the one before, or beyond about 24 bytes a triangle.
+        ``max_memory`` with the one before, or beyond about 20 bytes a triangle.
 
     Raises
     ------
