@@ -198,12 +198,17 @@ def variants(mesh: Mesh, layout: str = "compact", *, skipping: bool = False) -> 
 
     A picture with fewer AOVs, or none, is a variant of render.cl with fewer options.
     """
-    walk = {**list_defines(layout, wide=False), **({"SKIP_EMPTY": 1} if skipping else {})}
-    options = sorted({**kernel_options(mesh, AOVS), **walk}.items())
-    return (
-        *programs(layout, skip=skipping),
-        " ".join(("render.cl", *(f"-D{key}={value}" for key, value in options))),
+    lists = list_defines(layout, wide=False)
+    walk = {**lists, **({"SKIP_EMPTY": 1} if skipping else {})}
+    # Of the stages, one alone asks for lists.
+    stages = (
+        _told(name, lists if name == "mark_bricks.cl" else {}) for name in programs(layout, skip=skipping)
     )
+    return (*stages, _told("render.cl", {**kernel_options(mesh, AOVS), **walk}))
+
+
+def _told(file: str, options: Defines) -> str:
+    return " ".join((file, *(f"-D{key}={value}" for key, value in sorted(options.items()))))
 
 
 def shaded_variants(mesh: Mesh, look: Look | None) -> tuple[str, ...]:
@@ -215,9 +220,7 @@ def shaded_variants(mesh: Mesh, look: Look | None) -> tuple[str, ...]:
     files = [("find_surfaces.cl", options | smooth)]
     if is_passable(look):
         files.append(("pass_surfaces.cl", options))
-    return tuple(
-        " ".join((name, *(f"-D{key}={value}" for key, value in sorted(own.items())))) for name, own in files
-    )
+    return tuple(_told(name, own) for name, own in files)
 
 
 def degenerate_count(mesh: Mesh, frame: LocalFrame) -> int:
