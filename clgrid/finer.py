@@ -43,7 +43,6 @@ _STEP_S = {
     ("hashed", False): 3.2e-9,
     ("hashed", True): 4e-9,
     ("nested", False): 3.2e-9,
-    ("nested-hashed", False): 4e-9,
 }
 # Batches in a nested grid, of those in a uniform one of a cell a triangle: counted 0.39 to 0.78.
 _NESTED_BATCHES = 0.55

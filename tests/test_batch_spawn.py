@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import fcntl
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from clgrid.batch import messages
+from clgrid.batch import job, messages, spawn
 from clgrid.batch.child import Child
 from clgrid.batch.ledger import Ledger
 from clgrid.batch.spawn import Spawned, spawned_early
@@ -29,6 +31,16 @@ def is_locked(path: Path) -> bool:
     return False
 
 
+def noted(name: str, call: Callable[..., Any], order: list[str]) -> Callable[..., Any]:
+    """The call, which writes down that it was made."""
+
+    def made(*arguments: Any) -> Any:
+        order.append(name)
+        return call(*arguments)
+
+    return made
+
+
 def test_an_error_before_anything_is_drawn_ends_it() -> None:
     kept: list[Spawned] = []
     with suppress(ZeroDivisionError), spawned_early(wanted=True) as spawned:
@@ -45,10 +57,12 @@ def test_none_is_started_where_none_is_wanted() -> None:
 
 
 @pytest.mark.host
-def test_it_draws_what_it_is_asked_and_the_command_line_starts_it_first(
-    device: Device, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_command_line_starts_it_first_and_it_draws(
+    device: Device, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The job is read, and found wanting, while the process starts.
+    order: list[str] = []
+    for module, name in ((spawn, "spawn"), (job, "read_job")):
+        monkeypatch.setattr(module, name, noted(name, getattr(module, name), order))
     (tmp_path / "job.toml").write_text("scenes = 3\n")
     with pytest.raises(SystemExit, match="1"):
         main(["batch", str(tmp_path / "job.toml"), "--device", device.label])
@@ -57,6 +71,7 @@ def test_it_draws_what_it_is_asked_and_the_command_line_starts_it_first(
     with pytest.raises(SystemExit, match="0"):
         main(["batch", str(tmp_path / "job.toml"), "--device", device.label, "-q"])
     assert (tmp_path / "a.png").stat().st_size > 0
+    assert order == ["spawn", "read_job"] * 2
 
 
 @pytest.mark.host

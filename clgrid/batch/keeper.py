@@ -173,23 +173,15 @@ class Keeper:
 
     def kill(self) -> None:
         """End the child at once."""
-        self._dismiss_spawned()
         if self._child is not None:
             self._child.kill()
             self._child = None
 
     def close(self) -> None:
         """End the child, which has nothing to do."""
-        self._dismiss_spawned()
         if self._child is not None:
             self._child.close()
             self._child = None
-
-    def _dismiss_spawned(self) -> None:
-        """End a process of which nothing was asked."""
-        if self._spawned is not None:
-            self._spawned.kill()
-            self._spawned = None
 
     def _room(self) -> bool:
         if any(each.alone for each in self._flight.values()):

@@ -139,7 +139,7 @@ def run(
     crew : callable, optional
         Makes those who draw; by default one child process of this one.
     spawned : Spawned, optional
-        That process, where it has been started already; it is ended here.
+        That process, where it has been started already; who started it ends it where nothing was to be drawn.
 
     Raises
     ------

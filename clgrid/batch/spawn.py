@@ -54,7 +54,6 @@ def spawn(cores: Sequence[int] | None = None) -> Spawned:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=dict(os.environ),
             pass_fds=passed,
             # The terminal's ^C is for the parent.
             start_new_session=True,
